@@ -1,7 +1,7 @@
-"""Machine code: kernels compiled by Numba or LLVM, how they are keyed, kept and loaded.
+"""Machine code: kernels compiled by Numba or LLVM, and the cache that stores them.
 
-The room knows nothing of what is computed. A file of its cache is used only if it
-belongs to this user, and its key covers the code, the libraries and the processor.
+This package knows nothing of what the kernels compute. A file of the cache is used only
+if it belongs to this user; its key covers the code, the libraries and the processor.
 """
 
 # ruff: noqa: I001  (it would write one statement for each name)

@@ -1,7 +1,7 @@
-"""Clocks of work, and of wall time without that spent on machine code.
+"""Clocks: wall time without the time spent on machine code, and work in operations.
 
-Code that loads or compiles runs within `compiling`; time is measured by a `stopwatch`,
-which keeps the two apart.
+Code that loads or compiles runs within `compiling`; a `stopwatch` measures the time
+spent there apart from all other time.
 
 A proof that ends when its time is over proves less on a busy machine; with a budget of
 work it proves the same everywhere. A unit of work is a number of operations that takes
@@ -140,7 +140,7 @@ class WorkClock:
     was_late: bool = False
 
     def now(self) -> float:
-        """Return the work so far; infinity after the limit."""
+        """Return the units of work so far; infinity after the limit."""
         if time.perf_counter() > self.limit:
             self.was_late = True
             return math.inf
@@ -152,7 +152,7 @@ _CURRENT: ContextVar[WorkClock | None] = ContextVar("work", default=None)
 
 @contextlib.contextmanager
 def working(*, seconds: float | None = None) -> Iterator[WorkClock]:
-    """Count the work of a block; within another one, work counts there as well.
+    """Count the work of a `with` block; an enclosing block counts it as well.
 
     Args:
         seconds: Wall time after which no budget is left [s]; None: no limit.
@@ -171,13 +171,17 @@ def working(*, seconds: float | None = None) -> Iterator[WorkClock]:
 
 
 def now() -> float:
-    """Return the work of the current block; outside of one, the time [s]."""
+    """Return the units of work counted so far in the enclosing `working` block.
+
+    After the block's limit it is infinity. Outside of such a block it is the time of
+    `time.perf_counter` [s].
+    """
     clock = _CURRENT.get()
     return time.perf_counter() if clock is None else clock.now()
 
 
 def done(operations: float) -> None:
-    """Count operations, such as additions and multiplications of floats."""
+    """Add operations, such as additions of floats, to the work of the current block."""
     clock = _CURRENT.get()
     if clock is not None:
         clock.work += operations / OPERATIONS

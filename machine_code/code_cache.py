@@ -1,7 +1,8 @@
 """Disk cache of machine code; loads only what the current user alone can write.
 
-It keeps the evaluators of `ocp.compiled` and the kernels of `kernel`, under keys of
-everything that they are made from, so that no entry is ever out of date.
+It keeps the evaluators of `ocp.compiled` and the kernels that the decorator `kernel`
+compiles, under keys of everything that they are made from, so that no entry is ever out
+of date.
 
 Machine code written by another user must never be loaded. So the folder must be a real
 folder that the user owns, with mode 0700, and a file a real file that the user owns and

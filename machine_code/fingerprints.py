@@ -54,8 +54,8 @@ def fingerprint(function: Callable[..., object]) -> str:
         function: A Python function, or a kernel that Numba has made of one.
 
     Returns:
-        Hexadecimal digits; the same in every process and path, for one version of
-        Python.
+        Hexadecimal digits; the same in every process and for every folder of the files,
+        for one version of Python.
 
     Raises:
         UnknownValueError: If the function reads a global that is not a number, a text,

@@ -3,7 +3,8 @@
 Numba takes twice as long to import as CasADi and NumPy together, and no kernel is
 needed to state a problem or to check a file. So a decorated function only stands for
 its kernel, which `numba_kernels` makes when it is first called or asked for anything.
-Numba finds it by a protocol of its own, `_numba_type_`, if another kernel calls it.
+If another kernel calls it, Numba finds the kernel by a protocol of its own,
+`_numba_type_`.
 """
 
 import ctypes

@@ -1,8 +1,8 @@
 """The kernels that Numba makes of functions, and the cache of their code.
 
-Numba is imported untyped; only this module has to deal with that.
-With NUMBA_DISABLE_JIT=1 the same functions run as plain Python. No fast-math: both give
-the same bits.
+Numba is imported untyped; only this module has to deal with that. With
+NUMBA_DISABLE_JIT=1 the same functions run as plain Python. Fast-math is off, so
+compiled and plain code give the same bits.
 
 Numba's own cache keeps code beside the source, under the hash of the file that holds
 the function. It does not notice a change in another file that the function calls. Here
@@ -73,7 +73,7 @@ def free_kernel(function: Function) -> Function:
 
 
 def prepare(function: Callable[..., object], *arguments: object) -> None:
-    """Load or compile a kernel, as `kernels.prepare` says; else do nothing."""
+    """Load or compile a kernel, as `kernels.prepare` says."""
     known = function, _key_of(arguments)
     if isinstance(function, _Kernel) and known not in _PREPARED:
         kinds = _types_of(arguments)

@@ -102,7 +102,10 @@ class Resolved:
         self.kind.require_allowed(self.scenario, allow_code=self.allow_code)
 
     def permissions(self) -> dict[str, str]:
-        """Return the permission to run the user's code again, if it was given."""
+        """Return {"code_in": folder} if the scenario's own code may be run, else {}.
+
+        With it a worker may run that code as well.
+        """
         if self.code is None or not self.allow_code:
             return {}
         return {"code_in": str(self.folder.resolve())}

@@ -13,8 +13,8 @@ populations may shrink or grow. All that changes is in the arrays of the state a
 the level of the order. From a copy of these and of the generator's state, a search
 continues bit for bit.
 
-Kernels copy arrays coordinate by coordinate, by the functions here. They do the same as
-`target[:] = source`. For that line, Numba would also compile an error message about
+Kernels copy arrays coordinate by coordinate, by the functions here. These do the same
+as `target[:] = source`. For that line, Numba would also compile an error message about
 different shapes, which takes 1 to 2 s at the first use and never runs.
 """
 
@@ -45,7 +45,7 @@ class InvalidSettingsError(InvalidArgumentError):
 
 
 class Settings(Protocol):
-    """The fields that the kernel settings of all algorithms in a box share."""
+    """The fields that the kernel settings of every algorithm have."""
 
     @property
     def lower(self) -> Array:
@@ -107,7 +107,7 @@ class State(Protocol):
 
     @property
     def improved(self) -> Count:
-        """Number of the last generation that improved `best` or the level, (1,)."""
+        """Number of the latest generation that improved `best` or the level, (1,)."""
 
 
 class CommonFields(NamedTuple):
@@ -267,7 +267,7 @@ class BoundHandled:
     """Base of the settings with a `bound_handling`; refuses its old name `bounds`.
 
     Raises:
-        InvalidSettingsError: If `bounds` is given; that is a keyword of `minimize`.
+        InvalidSettingsError: If `bounds` is given, which is a keyword of `minimize`.
     """
 
     __slots__ = ()

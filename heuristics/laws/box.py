@@ -44,7 +44,7 @@ class InvalidBoxError(SwarmstartError, ValueError):
     """
 
     def __init__(self, message: str, *, lower: ArrayLike, upper: ArrayLike) -> None:
-        """Keep the bounds beside the message."""
+        """Store the message and the bounds."""
         super().__init__(message)
         self.lower = lower
         self.upper = upper
@@ -58,7 +58,7 @@ class InvalidPointsError(SwarmstartError, ValueError):
     """
 
     def __init__(self, message: str, *, shape: tuple[int, ...]) -> None:
-        """Keep the shape beside the message."""
+        """Store the message and the shape."""
         super().__init__(message)
         self.shape = shape
 

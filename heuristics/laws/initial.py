@@ -98,7 +98,9 @@ class Initial:
 def initial_population(
     box: Box, size: int, initial: Initial, *, rng: np.random.Generator
 ) -> tuple[Array, Values | None]:
-    """Return the population, shape (dim, size), and known values of its first columns.
+    """Return the population, shape (dim, size), and the known values of its points.
+
+    These are costs and violations of the first columns; None if no costs are known.
 
     Raises:
         InvalidPointsError: If given points do not fit, costs or violations have another
@@ -222,7 +224,7 @@ def smooth_fractions(
 
 
 def smooth_in(box: Box, size: int, *, rng: np.random.Generator) -> Array:
-    """Draw numbers uniform in (0, 1), smooth over the steps of a box's variables.
+    """Draw numbers uniform in (0, 1), smooth over the steps, shape (box.dim, size).
 
     Variables that belong to no step are independent.
     """
@@ -235,7 +237,7 @@ def smooth_in(box: Box, size: int, *, rng: np.random.Generator) -> Array:
 
 @kernel
 def correlate(rng: np.random.Generator, per_step: int, fractions: Array) -> None:
-    """Fill an array (dim, size) with the process at the head of this module."""
+    """Fill an array (dim, size) with the process in this module's docstring."""
     dim, size = fractions.shape
     r = math.exp(-per_step / dim)
     spread = math.sqrt(1.0 - r * r)

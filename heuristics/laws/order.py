@@ -193,7 +193,8 @@ def epsilon_level(
             0.2.
         control: Fraction of the budget after which the level is the tolerance, in
             (0, 1].
-        power: How fast the level falls, at least 0.
+        power: Exponent c of the level, at least 0: the larger it is, the faster the
+            level falls.
         adaptive: Whether the level is at most the quantile of the last generation. If
             False, it depends on the budget alone, as published.
 
@@ -381,14 +382,14 @@ def ranking(order: RunningOrder, cost: Array, violation: Array) -> Count:
 def merits(order: RunningOrder, cost: Array, violation: Array, out: Array) -> None:
     """Fill `out` with one number for each individual; the smaller, the better.
 
-    Static penalty: cost + weight * violation. The others, free of units: for feasible
-    individuals their place between the least and the largest feasible cost, in [0, 1];
-    for infeasible ones 1 + violation / largest violation. Individuals that are not
-    finite get infinity. Rounding may give two individuals the same number although one
-    is `better`, but never puts them in the wrong order.
+    Static penalty: cost + weight * violation. The other orders give numbers without
+    unit: for feasible individuals their place between the least and the largest
+    feasible cost, in [0, 1]; for infeasible ones 1 + violation / largest violation.
+    Individuals that are not finite get infinity. Rounding may give two individuals the
+    same number although one is `better`, but never puts them in the wrong order.
 
-    Deb (2000) adds the violation to the worst feasible cost instead: that depends on
-    the units of the cost. All arrays have the shape (size,).
+    Deb (2000) adds the violation to the worst feasible cost instead; such a sum depends
+    on the units of the cost. All arrays have the shape (size,).
     """
     least, largest, worst = ranges(order, cost, violation)
     span = 0.5 * largest - 0.5 * least  # Halves: the difference may overflow.

@@ -5,10 +5,10 @@ the mean taken over the variables that are not fixed,
 
     sqrt(mean_d ((a_d - b_d) / w_d)^2) < radius
 
-An archive keeps a limited number of points, the best of each basin. A new point that is
-better than a member near it replaces this member and every other member near it. These
-basins are not the basins of attraction of a local solver: two points of the archive may
-lead a solver to the same optimum.
+An archive keeps a limited number of points, the best of each basin. If a new point is
+better than each member near it, it is added and these members are removed; otherwise
+the point is dropped. These basins are not the basins of attraction of a local solver:
+two points of the archive may lead a solver to the same optimum.
 """
 
 from typing import NamedTuple

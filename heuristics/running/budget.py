@@ -1,6 +1,7 @@
 """Budgets, how long a search may go on, and the criteria for its end.
 
-The criteria are judged by both loops after each generation:
+The loop in Python (`minimize.py`) and the compiled one (`compiled_loop.py`) judge the
+criteria after each generation:
 
 target      the best point is feasible and its cost at most the target
 stagnation  a number of generations without a better point; generations in which the
@@ -32,7 +33,7 @@ class InvalidBudgetError(SwarmstartError, ValueError):
     """
 
     def __init__(self, message: str, budget: object) -> None:
-        """Keep the budget's numbers beside the message."""
+        """Store the message and the budget's numbers."""
         super().__init__(message)
         self.evaluations: int | None = getattr(budget, "evaluations", None)
         self.seconds: float | None = getattr(budget, "seconds", None)
@@ -108,7 +109,7 @@ class Budget:
             raise InvalidBudgetError(message, self)
 
     def limits(self) -> Limits:
-        """Return the limits that both loops check after a generation."""
+        """Return the limits that a search's loop checks after each generation."""
         return Limits(
             evaluations=UNLIMITED
             if self.evaluations is None

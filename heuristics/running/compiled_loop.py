@@ -2,7 +2,8 @@
 
 One compiled loop calls propose, evaluate and accept. It returns after a chunk of
 generations, to look at the clock and for Ctrl-C. The kernels are those of ask and tell,
-called with the same numbers in the same order, so both loops give the same bits.
+called with the same numbers in the same order, so this loop and the one in Python give
+the same bits.
 
 The loop calls the kernels at their addresses. So it compiles fast, and each kernel is
 compiled only once for both loops.

@@ -391,8 +391,8 @@ def values_of(
     """Split what an objective returned into costs and violations.
 
     Args:
-        returned: A tuple (cost, violation); or costs alone, shape (size,); or both as
-            rows, shape (2, size).
+        returned: A tuple (cost, violation); or costs alone, shape (size,); or costs and
+            violations as rows, shape (2, size).
         size: Number of individuals.
 
     Returns:

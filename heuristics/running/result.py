@@ -110,7 +110,7 @@ class SearchInterrupted(Sendable, KeyboardInterrupt):
     """
 
     def __init__(self, partial: SearchResult) -> None:
-        """Keep the result beside the message."""
+        """Store the message and the result."""
         super().__init__(
             f"search interrupted after {partial.evaluations} evaluations, "
             f"best cost {partial.cost:g}"

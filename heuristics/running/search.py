@@ -85,7 +85,7 @@ class InvalidEvaluationError(SwarmstartError, ValueError):
     """
 
     def __init__(self, message: str, *, name: str) -> None:
-        """Keep the name beside the message."""
+        """Store the message and the name."""
         super().__init__(message)
         self.name = name
 

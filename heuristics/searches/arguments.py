@@ -5,10 +5,11 @@ box, a seed for a generator.
 
 The default algorithm is L-SHADE. Below 400 evaluations, which are too few for its
 population to shrink, it is the chaotic swarm with c1 = c2 = 1.496 and lengths taken
-from the box. Both were chosen by measurements on this project's own planning problems:
-docs/measured/planning.md, made by benchmarks/planning.py. CMA-ES alone, or with half of
-the budget from the best point of L-SHADE, has no advantage after the polish:
-docs/measured/search_2017.md, docs/measured/lane_searches.md.
+from the box. Both algorithms were chosen by measurements on this project's own planning
+problems: docs/measured/planning.md, made by benchmarks/planning.py. CMA-ES alone, or
+with half of the budget from the best point of L-SHADE, has no advantage once a local
+solver has improved the result: docs/measured/search_2017.md,
+docs/measured/lane_searches.md.
 
 The default order is the adaptive epsilon level, which is feasibility first as soon as a
 tenth of a generation is feasible. It was measured on constrained problems of CEC 2006:

@@ -403,6 +403,7 @@ def logistic(z: Array) -> None:
 def leave_traps(rng: np.random.Generator, z: Array) -> None:
     """Give every orbit that stands on a trap a new seed.
 
+    Traps are the fixed points of the map and the points that lead to one (`TRAPS`).
     Rounding leads an orbit onto a trap about once in 2e8 steps (a number within 2^-28
     of 1/2 is mapped to 1), and there it would stay.
 

@@ -183,7 +183,8 @@ def accept(
 ) -> None:
     """Update the distribution, and request a restart if a criterion says so.
 
-    Without restarts the distribution then stays as it is.
+    If the setting `restarts` is off, the distribution no longer changes once a
+    criterion is met.
     """
     rank = ranking(settings.order, cost, violation)
     size = cost.size

@@ -15,7 +15,7 @@ Stagnation      over the last max(g / 5, 120 + 30 n / lambda) generations, the m
 TolXUp          sigma max D > 1e4 sigma_0
 ConditionCov    condition number of C > 1e14
 NoEffectAxis    the mean stays the same when 0.1 sigma times an axis is added to it
-NoEffectCoord   one entry of it stays the same when 0.2 sigma sqrt(C_dd) is added
+NoEffectCoord   one entry of the mean stays the same when 0.2 sigma sqrt(C_dd) is added
 
 A value is a cost with its violation, compared by the order; values lie within a range
 if their costs and their violations do. A constant added to the cost changes nothing but
@@ -117,7 +117,7 @@ def write_record(
 def has_ended(
     order: RunningOrder, state: Distribution, size: int, sigma_0: float
 ) -> bool:
-    """Return whether any criterion of the module's head holds.
+    """Return whether any criterion of the module's docstring holds.
 
     Args:
         order: The order, for Stagnation.

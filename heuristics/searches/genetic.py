@@ -83,7 +83,7 @@ def propose(
     state: GeneticAlgorithmState,
     asked: Array,
 ) -> None:
-    """Make two children of each pair of parents (one of the last if size is odd)."""
+    """Make two children of each pair of parents; one of the last if size is odd."""
     copy_points(state.population, asked)
     if state.generation[0] == 0:
         return

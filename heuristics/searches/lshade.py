@@ -10,11 +10,11 @@ Trial of each individual x_i, with h a random slot of the memory:
     u_d  = v_d if r_d < CR_i or d = k, else x_id              (bin)
 
 x_pbest is one of the max(2, round(p N)) best, r1 an individual other than i, r2 one of
-the population or of the archive other than both. A trial that is not worse replaces its
-parent; a parent that lost to a better trial goes to the archive, and F_i and CR_i of
-that trial go to S_F and S_CR. The archive holds at most round(r_arc N) members; surplus
-ones are deleted at random. After a generation with S_F not empty, with the improvements
-D_k and w_k = D_k / sum D, the next slot h of the memory, in turn, becomes
+the population or of the archive other than i and r1. A trial that is not worse replaces
+its parent; a parent that lost to a better trial goes to the archive, and F_i and CR_i
+of that trial go to S_F and S_CR. The archive holds at most round(r_arc N) members;
+surplus ones are deleted at random. After a generation with S_F not empty, with the
+improvements D_k and w_k = D_k / sum D, the next slot h of the memory, in turn, becomes
 
     M_F,h  = sum w_k F_k^2 / sum w_k F_k                      (weighted Lehmer mean)
     M_CR,h = sum w_k CR_k^2 / sum w_k CR_k; terminal, for ever, once max S_CR = 0

@@ -7,7 +7,8 @@ With r1, r2 uniform in [0, 1), drawn anew for each coordinate of each particle,
 
 p the particle's best point, g the best point of its neighbourhood (see `swarm`). The
 coefficients may be given as inertia and accelerations, or by constriction (Clerc and
-Kennedy), which is the same update with both derived from phi = phi1 + phi2 > 4,
+Kennedy), which is the same update with inertia and accelerations derived from phi =
+phi1 + phi2 > 4,
 
     v <- chi (v + phi/2 r1 (p - x) + phi/2 r2 (g - x))
     chi = 2 / (phi - 2 + sqrt(phi^2 - 4 phi)),    w = chi,  c1 = c2 = chi phi / 2

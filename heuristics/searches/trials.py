@@ -1,6 +1,7 @@
 """Trials made of differences of individuals, shared by DE, jDE and L-SHADE.
 
-For each individual x_i, with the donors b, l, p, m and the weight F_i,
+For each individual x_i, with the individuals numbered b, l, p and m, and the weight
+F_i,
 
     v   = x_b + F_i (x_l - x_b) + F_i (x_p - x_m)                    (mutation)
     u_d = v_d if the crossover takes it from the mutant, else x_id
@@ -60,9 +61,9 @@ class Plan(NamedTuple):
 
     Attributes:
         base: Index b of each trial, shape (size,).
-        lead: Index l; equal to b if there is no leader.
-        plus: Index p.
-        minus: Index m.
+        lead: Index l, shape (size,); equal to b if the formula has no l.
+        plus: Index p, shape (size,).
+        minus: Index m, shape (size,).
         F: Weight of the differences, shape (size,).
         mutated: Whether a coordinate comes from the mutant, shape (dim, size).
     """
@@ -228,7 +229,7 @@ def select(
     Args:
         order: The order of individuals.
         parents: Points of the parents, shape (dim, at least size), their costs and
-            their violations, changed in place.
+            their violations, each (at least size,); all changed in place.
         asked: Trials, shape (dim, size).
         cost: Costs of the trials, shape (size,).
         violation: Violations of the trials, shape (size,).

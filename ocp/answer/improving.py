@@ -164,7 +164,7 @@ class Settled(NamedTuple):
     Attributes:
         plan: The plan, or a better one that a restart found.
         is_settled: Whether no perturbed start improves it.
-        restarts: Account of the starts; None: none were needed, or possible.
+        restarts: Report on the restarts; None: no restart was needed or possible.
     """
 
     plan: Plan
@@ -361,7 +361,7 @@ def repaired(
         rng: Source of all randomness.
 
     Returns:
-        The answer, with the planner that made it and the account of what was tried.
+        The answer, with the planner that made it and the report on what was tried.
     """
     tried: list[tuple[int, int]] = []
     with stopwatch() as watch:

@@ -38,22 +38,23 @@ def multistart(  # noqa: PLR0913 - a whole solver in one call
     rng: np.random.Generator,
     progress: ProgressCallback = tell_nothing,
 ) -> Plan:
-    """Polish from random points until a budget is spent; return the best plan.
+    """Run the NLP solver from random points within a budget; return the best plan.
 
     The points are uniform within the bounds of the controls, or of the family. At least
-    one start is always made. Each start runs to its end, within the polish's own
-    limits.
+    one start is always made. Each start runs to its end, within the limits in the
+    options of the polish.
 
     Args:
         planner: Planner of the problem, with a polish; its search is not used.
         x0: Initial state, shape (nx,), of the problem as it is stated.
-        budget: Budget as for a search; checked after each start. Stagnation is counted
-            in starts.
+        budget: Budget as for a search; checked after each start. Its stagnation is a
+            number of starts.
         known: Values of the parameters and signals.
         family: Family of trajectories to draw the points from; None: control sequences.
         rng: Source of all randomness.
-        progress: Called with (evaluations, all, "polishing from random starts") after
-            each start; with seconds if the budget has only these.
+        progress: Called with (evaluations so far, their limit, "polishing from random
+            starts") after each start; with seconds in place of evaluations if the
+            budget has only seconds.
 
     Returns:
         The best plan.

@@ -44,7 +44,7 @@ _WHOLE = 1.0
 )
 @dataclass(frozen=True, kw_only=True, slots=True)
 class OptimalityGap:
-    """Bound of the optimum, or the reason why there is none, next to an answer.
+    """Bound of the optimum, or why there is none, compared with the cost of an answer.
 
     Attributes:
         kind: Kind of the bound, which says whether it is proven.
@@ -102,7 +102,7 @@ class OptimalityGap:
 
     @property
     def gap(self) -> float | None:
-        """`apart` divided by |cost|; None also if only the cost is 0."""
+        """`apart` divided by |cost|; None if this is not defined."""
         apart = self.apart
         if apart is None or not (self.cost or apart == 0.0):
             return None

@@ -1,4 +1,4 @@
-"""Plan: controls over one horizon, with origin, cost and violation; starts from a plan.
+"""Plan: controls over one horizon, with their cost; and starts made from a plan.
 
 A plan becomes a start on another grid, or from another initial state, by
 
@@ -16,17 +16,17 @@ multipliers. The polish from there is enough, and no search is needed, unless
     it fails            it does not converge, or is not feasible
     the problem jumps   J - J_last > max(S / 2, 1e-3 S_0)
 
-J is its cost and J_last that of the last plan, an upper bound of the cost of that
-plan's rest (if costs are not negative, the cost of the rest only falls along a plan). S
-is the sum of |costs| along the new plan, and S_0 the cost's natural size, from the
-problem's bounds (scaling.py); without S_0, noise about a target with zero costs would
-count as a jump. The cost rises if a target, a reference or an obstacle jumps, or the
-plant is pushed away. For costs that are not negative the rule is J > 2 J_last.
+J is the cost of the new plan and J_last that of the last one. J_last is an upper bound
+of what the rest of the last plan costs, if costs are not negative. S is the sum of
+|costs| along the new plan, and S_0 the cost's natural size, from the problem's bounds
+(scaling.py); without S_0, noise about a target with zero costs would count as a jump.
+The cost rises if a target, a reference or an obstacle jumps, or the plant is pushed
+away. For costs that are not negative the rule is J > 2 J_last.
 
-Then the search and the lanes run as for a first plan, and the better plan is kept. The
-search also runs if nothing of the last plan is left, as for a horizon of one interval.
-A first plan is made both ways, too, since a search may miss the answer of a polish
-alone.
+In both cases the search and the local solves in lanes run as for a first plan, and the
+better plan is kept. The search also runs if nothing of the last plan is left, as for a
+horizon of one interval. A first plan is made both ways too, with a search and by the
+polish alone, since a search may miss the answer of the polish.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ class Source(Enum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SearchReport:
-    """Result of a population search, before any polish.
+    """Result of a population search, before any local solve (polish).
 
     Attributes:
         cost: Cost of the search's answer; NaN without a search.
@@ -138,26 +138,27 @@ class Plan:
     Attributes:
         controls: Controls, shape (nu, N).
         states: States at the nodes, shape (nx, nodes).
-        cost: Cost on the problem's evaluator; minimised.
-        violation: Sum of the scaled excesses on the problem's evaluator.
+        cost: Cost by the problem's evaluator (`Fitness`); to be minimised.
+        violation: Sum of the scaled excesses of all constraints, by the same evaluator.
         feasible: Whether the violation is within the problem's tolerance.
         source: Origin of the plan.
         search: Result of the search; `NO_SEARCH` without one.
         evaluations: Evaluations spent, including those of the polish.
-        polish_status: Status of the polish; None without one.
+        polish_status: Status of the polish, the final local solve; None without one.
         start_excess: Largest excess of the start over bounds of states and path
             constraints without controls, relative to their scales; 0: the start keeps
             them.
-        point: The stationary point of the NLP that the plan is; None: not shown to be
+        point: The plan as a stationary point of the NLP; None: it was not shown to be
             one.
         relaxed_cost: Cost of a local optimum without the requirement of whole numbers;
             NaN: not known.
         ends: States between the intervals, shape (nx, N + 1), of a plan that is judged
-            interval by interval (`Polished.ends`); None: by its roll-out.
-        start: Initial state of a plan whose states are not kept; None if they are kept.
-        starts: Account of all starts; None if there was only one.
-        duals: Multipliers of a plan whose point is not kept; None if it is kept or
-            there are no multipliers.
+            interval by interval (`Polished.ends`); None: the plan is judged by its
+            roll-out.
+        start: Initial state of a plan whose states are not stored; None if they are.
+        starts: Report on all starts of the polish; None if there was only one.
+        duals: Multipliers of a plan whose point is not stored; None if the point is
+            stored or there are no multipliers.
         spent: Iterations of each polish, up to this plan, that started from
             multipliers; see `Carried.spent`.
         stopped: Whether the time limit of the step (`within`) was reached before
@@ -221,7 +222,7 @@ def start_of(problem: OptimalControlProblem, plan: Plan, x0: ArrayLike) -> Array
 
 
 class Account(TypedDict, total=False):
-    """Effort of a plan, with the fields of Plan; all of them optional."""
+    """The fields of `Plan` that describe its effort, as keywords; all are optional."""
 
     search: SearchReport
     evaluations: int
@@ -372,7 +373,7 @@ def _listed(names: Sequence[str]) -> str:
 
 
 def begins_warm(search: SearchSettings | None, *, lanes: bool) -> bool:
-    """Return whether a planner with a polish first makes a plan by the polish alone.
+    """Return whether a planner with a polish tries the polish alone before a search.
 
     Args:
         search: The population search; None without one.
@@ -412,7 +413,7 @@ def better_plan(
     """Return the better of a searched plan and another, with the effort of both.
 
     Of two feasible plans, the one that a polish has converged to is preferred, unless
-    the other costs much less: the next polish can start from it.
+    the other costs much less: the next polish can start from a converged plan.
 
     Args:
         fitness: The problem's evaluator.

@@ -175,7 +175,7 @@ def _turned(search: SearchSettings) -> SearchSettings:
     watch=WATCH,
 )
 class Planner(Called):
-    """Search and polish of one problem, compiled once.
+    """Search and polish (local solve) of one problem, compiled once.
 
     Except for `posed`, all methods refer to the core of the problem. It is the problem
     itself unless there are decisions besides the controls, or previous controls.
@@ -335,7 +335,9 @@ class Planner(Called):
         known: Known = NOTHING,
         guess: Array | Start | None = None,
     ) -> Plan:
-        """Return what a plan begins from: the guess, or the first cold start.
+        """Return the plan from which planning begins, neither searched nor polished.
+
+        Its controls are the guess, or without one the first of the default controls.
 
         Args:
             x0: Initial state, shape (nx,).
@@ -368,7 +370,7 @@ class Planner(Called):
 
     @cached_property
     def lanes_of_instances(self) -> InteriorLanes | None:
-        """Lanes of many instances; None if they do not support the problem."""
+        """Solver of many instances in lanes; None if lanes cannot solve the problem."""
         program = None if self.polisher is None else self.polisher.program
         try:
             return InteriorLanes(self.fitness.shooting, program=program)
@@ -470,18 +472,19 @@ class Planner(Called):
                 clipped to the bounds; None: no candidates. They come first in its first
                 population.
             near: Whether the guess is an earlier answer, which a polish without a
-                search stays near. The plan is then made without search and lanes,
-                unless that fails or the search has `when="always"` (docs/answers.md,
-                "Closed loop: one warm polish a step").
+                search stays near. In this case the plan is made without search and
+                lanes, unless the polish fails or the search has `when="always"`
+                (docs/answers.md, "Closed loop: one warm polish a step").
             last_cost: Cost of the earlier answer; None if not known.
-            in_loop: Whether later plans will start from this one. It is then also made
-                without search and lanes, and the better plan is kept.
+            in_loop: Whether later plans will start from this one. Then this plan is
+                also made without search and lanes, and the better plan is kept.
             is_new: Whether nothing of an earlier answer can be used, as for a horizon
                 of one interval; then a search is made as for a first plan.
             rng: Source of all randomness.
-            progress: Called with (evaluations, all, "searching") now and then, and with
-                "polishing" when the polish begins. In a long polish the last argument
-                is a text with the numbers of the start and of the iteration.
+            progress: Called with (evaluations so far, their limit, "searching") now and
+                then, and with "polishing" when the polish begins. In a long polish the
+                last argument is a text with the numbers of the start and of the
+                iteration.
 
         Returns:
             The best plan; it need not be feasible.
@@ -781,7 +784,7 @@ class Planner(Called):
             known: Values of the parameters and signals.
             source: Origin of the controls.
             value: Cost and violation of the controls; None: they are computed here.
-            account: Effort to find the controls, as in Plan.
+            account: Fields of `Plan` on the effort to find the controls.
 
         Returns:
             The plan.

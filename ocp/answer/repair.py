@@ -2,7 +2,8 @@
 
 The constraint is tightened by the measured excess, and the problem is solved again from
 the answer. The measured excess is that of the path (path.py). For a separation along
-segments it is also the amount by which the chords cut, since an NLP sees points only.
+segments it is also the amount by which the straight lines between the checks come too
+near, since an NLP sees the checks only.
 """
 
 import math
@@ -156,8 +157,9 @@ def tightened(
     Args:
         problem: The problem.
         excesses: Excesses of an answer, or the margins wanted.
-        for_all: Smallest margin of all distances, relative to their scales, since one
-            pair may take the room that another gives up.
+        for_all: Smallest margin of all constraints on distances, relative to their
+            scales, since one pair of vehicles may move into the room that another pair
+            gives up.
     """
     constraints = list(problem.stated)
     if for_all:

@@ -9,8 +9,8 @@ NLP (transcription.py) are their parameters:
 
 W is the Hessian of the Lagrangian, A the Jacobian of the active rows. Variables at a
 bound stay there. The derivative of the cost is that of the Lagrangian. Derivatives by q
-are central differences of exact derivatives, so their relative error is some 1e-9; the
-rest is the accuracy of the answer.
+are central differences of exact derivatives, so their relative error is some 1e-9, to
+which the error of the answer is added.
 
 Source: Fiacco (1976), Sensitivity analysis for nonlinear programming using penalty
 methods, Mathematical Programming 10; Nocedal and Wright (2006), section 16.2.
@@ -133,8 +133,8 @@ class Sensitivities:
         Args:
             found: Number of an instance -> the derivatives of its answer.
             reasons: Number of each other instance -> why it has no derivatives.
-            core: The problem with its core.
-            by: Data to differentiate by.
+            core: The problem as stated and as rewritten (core).
+            by: "x0" or "parameters", as in `Solution.sensitivity`.
         """
         stated, names, M = core.stated, data_names(core, by), len({*found, *reasons})
         nx, nu, N, n = stated.model.nx, stated.model.nu, stated.intervals, len(names)
@@ -172,7 +172,7 @@ def require_data(core: Lowered) -> None:
     """Raise unless an answer to the problem can be differentiated by its data.
 
     Args:
-        core: The problem with its core.
+        core: The problem as stated and as rewritten (core).
 
     Raises:
         NoSensitivityError: If the problem is an ensemble.
@@ -188,9 +188,9 @@ def sensitivity_of(
 
     Args:
         point: The answer as a point of the NLP; None if no NLP solver converged to it.
-        core: The problem with its core.
-        controls: Controls of the core, shape (nu, N).
-        by: Data to differentiate by.
+        core: The problem as stated and as rewritten (core).
+        controls: Controls of the rewritten problem (core), shape (nu, N).
+        by: "x0" or "parameters", as in `Solution.sensitivity`.
 
     Raises:
         NoSensitivityError: If there is no point, or it is no strict minimum whose
@@ -214,9 +214,9 @@ def sensitivities_of(
 
     Args:
         points: The answers as stationary points of one or several NLPs.
-        core: The problem with its core.
+        core: The problem as stated and as rewritten (core).
         controls: Controls of the core of each, shape (nu, N).
-        by: Data to differentiate by.
+        by: "x0" or "parameters", as in `Solution.sensitivity`.
 
     Raises:
         NoSensitivityError: As `require_data`.
@@ -281,8 +281,8 @@ def data_names(core: Lowered, by: Sequence[Data]) -> tuple[str, ...]:
     """Return the names of the data of a problem.
 
     Args:
-        core: The problem with its core.
-        by: Data that are asked for.
+        core: The problem as stated and as rewritten (core).
+        by: "x0" or "parameters", as in `Solution.sensitivity`.
     """
     return tuple(name for name, _ in _places(core, by))
 

@@ -6,9 +6,10 @@ a step ten times finer, and
 
     cost        may differ by `tolerance` of the integral of |stage cost| plus
                 |terminal cost|
-    end state   each may differ by `tolerance` of its scale: the larger one of its range
-                along the path and the width of its bounds, and by rounding; of an
-                answer that is judged interval by interval, the sum over the intervals
+    end state   each state may differ by `tolerance` of its scale (the larger one of its
+                range along the path and the width of its bounds), and by rounding; if
+                an answer is judged interval by interval, the differences of all
+                intervals are added
     constraints may be broken by `path_tolerance` of their scale, anywhere on the path
 
 or the answer is not confirmed. A confirmed answer is called a local optimum if an NLP
@@ -108,7 +109,9 @@ _NOTHING_MOVES = 1e-9
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class LocalOptimum:
-    """A local optimum that lanes found, to first order, before the polish.
+    """A local optimum that a solve in lanes found; it is not polished yet.
+
+    The solve has tested the first-order conditions.
 
     Attributes:
         cost: Its cost, with the sign as the problem states it.
@@ -187,10 +190,11 @@ class Solution(Presented):
             end time as "end time" [s].
         cost: Cost on the problem's own grid, with the sign as the problem states it.
         violation: Summed violation on the problem's own grid, relative to the scales.
-        verified_cost: Cost on the finer path.
-        verified_violation: Sum of the worst excess of each constraint row on the finer
-            path, relative to the scales.
-        path: The finer path, with the constraints that it breaks.
+        verified_cost: Cost by the finer integration.
+        verified_violation: Sum of the worst excess of each constraint row by the finer
+            integration, relative to the scales.
+        path: The finely integrated path, called the finer path, with the constraints
+            that it breaks.
         plan: The plan, with its source and its effort.
         compile_seconds: Wall time of `solve` for loading and compiling machine code
             [s].
@@ -199,10 +203,10 @@ class Solution(Presented):
         member_costs: Costs of the members of an ensemble on the problem's own grid,
             shape (M,); empty for any other problem.
         bound: Bound of the optimal cost, if `solve` was asked for one.
-        repair: Account of the repair; None: there was nothing to repair, or `solve` was
-            asked not to.
-        restarts: Account of the restarts that decided whether a point whose curvature
-            is flat is an optimum; None: there were none.
+        repair: Report on the repair; None: there was nothing to repair, or `solve` was
+            asked not to repair.
+        restarts: Report on the restarts that decided whether a point with flat
+            curvature is an optimum; None: there were no restarts.
     """
 
     status: SolutionStatus
@@ -371,7 +375,8 @@ class Solution(Presented):
 
         Args:
             time: Time after the start [s]; states and controls are those of the finer
-                path then. Delayed controls are those that the model receives then.
+                path at that time. Delayed controls are those that the model receives at
+                that time.
 
         Raises:
             InvalidProblemError: If the time is outside of the horizon.
@@ -527,7 +532,7 @@ def verified(
         plan: The plan.
         x0: Initial state, shape (nx,).
         known: Values of the parameters and signals.
-        tolerance: Tolerance of the comparison; see the module's head.
+        tolerance: Tolerance of the comparison; see the module's docstring.
         advised: Whether to look for the fastest mode along a path that is not
             confirmed, for advice; this takes most of the time for a small problem.
 
@@ -801,7 +806,7 @@ def _differences(
 def allowed_cost(
     magnitude: Numbers, natural: Numbers, tolerance: float = TOLERANCE
 ) -> Numbers:
-    """Return by how much the cost of the finer path may differ.
+    """Return by how much the cost of the finer path may differ from the plan's.
 
     Args:
         magnitude: Integral of |stage cost| plus |terminal cost|; see `Path`.
@@ -835,7 +840,7 @@ def end_differences(
     added.
 
     Args:
-        problem: The core.
+        problem: The rewritten problem (core).
         plan: The plan.
         path: Its finer path.
 
@@ -852,7 +857,7 @@ def end_scales(problem: OptimalControlProblem, reach: Array) -> Array:
     """Return the scales of differences between states at the end.
 
     Args:
-        problem: The core.
+        problem: The rewritten problem (core).
         reach: Natural size of each state along the path, shape (nx,) or (nx, n).
     """
     lower, upper = problem.state_limits

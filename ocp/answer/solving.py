@@ -140,16 +140,17 @@ def solve(  # noqa: PLR0913 - the whole way in one call
             20,000 evaluations.
         order: Order of individuals in the search; None means `heuristics.default_order`
             with the problem's tolerance.
-        polish: "ipopt" or True, the name of another NLP solver of CasADi, or options of
-            one; None, False or "none" means no polish.
+        polish: Local solve from good starts at the end: "ipopt" or True, the name of
+            another NLP solver of CasADi, or options of one; None, False or "none" means
+            no polish.
         guess: Controls to start from, shape (nu, N), or (nu, N + 1) for linear ones; or
             a Start, which has states for the polish as well. None: no guess.
         known: Parameters and signals, if the problem has any.
         start: "must hold": x0 must satisfy the bounds of the states and the path
             constraints. "may violate": it need not, and the status reports it.
         repair: Whether an answer that breaks a constraint between checks is solved
-            again with more checks and margins, at most three times. The answer's
-            `repair` is the account of it. False: the answer is not solved again.
+            again with more checks and margins, at most three times. `Solution.repair`
+            reports on it. False: the answer is not solved again.
         lanes: Number of random starts that are solved at once, in SIMD lanes. With them
             the polish also starts from zero controls, the middle of the bounds, the
             guess, the search's best points and guesses of states, and the answer
@@ -169,10 +170,11 @@ def solve(  # noqa: PLR0913 - the whole way in one call
         rng: Source of all randomness; either this or a seed.
         seed: Seed of a new generator.
         progress: True: shown on a terminal and in a notebook if it takes more than two
-            seconds. False: not shown. A function is called with (evaluations, all,
-            "searching") now and then, and at the start of "polishing", "verifying" and
-            "improving", whose length is not known (0); in a long polish the last
-            argument is a text with the numbers of the start and of the iteration.
+            seconds. False: not shown. A function is called with (evaluations so far,
+            their limit, "searching") now and then, and with (0, 0, text) at the start
+            of "polishing", "verifying" and "improving", whose length is not known; in a
+            long polish the last argument is a text with the numbers of the start and of
+            the iteration.
 
     Returns:
         The best answer found, verified along its path.

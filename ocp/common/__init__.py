@@ -1,4 +1,4 @@
-"""Common ground of `ocp`: errors, limits, expressions, pickling, presentation."""
+"""Helpers of all of `ocp`: errors, limits, expressions, pickling, presentation."""
 
 from swarmstart.ocp.common.expressions import (
     symbol_names,

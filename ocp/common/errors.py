@@ -1,4 +1,4 @@
-"""Exceptions of the optimal-control room."""
+"""Exceptions of the package `ocp`."""
 
 from swarmstart.errors import SwarmstartError, brief
 

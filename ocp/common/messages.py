@@ -1,7 +1,7 @@
 """Addresses of the paragraphs that explain messages, all on one page of the docs.
 
 Each status that is not plainly good, each reason and each warning ends with the address
-of its paragraph, which has its cause and what to do.
+of a paragraph, which gives the cause and says what to do.
 """
 
 from enum import Enum

@@ -69,7 +69,7 @@ def presentation(result: str, verb: str) -> Callable[..., Any]:
 
     Args:
         result: Name of the class.
-        verb: What to do.
+        verb: What to do, such as "plot".
     """
     # At the call, not at the import: `cases` stands above `ocp` and loads matplotlib.
     found: Callable[..., Any] = resolve_name(PRESENTATIONS[result, verb])
@@ -172,8 +172,8 @@ def shown(
 
     Args:
         progress: A callback, which is lent as it is; True: a display on standard error
-            that appears after two seconds and is erased at the end, if that is a
-            terminal or a notebook's and no progress is shown yet; False: nothing.
+            that appears after two seconds and is erased at the end, if standard error
+            is a terminal or a notebook's, and no progress is shown yet; False: nothing.
         title: Name of the call.
         what: Description of the work that is done first.
         of: Name of what is counted.

@@ -5,9 +5,10 @@ run in processes. A process that is copied by `fork` has all functions and machi
 at once. It makes one call, sends the result, and ends. The results come in the order
 of the calls, and are the same for any number of processes.
 
-A copy has none of the other threads, whose locks stay as they were. So without being
-asked for processes a program that has threads of its own, as a notebook has, makes all
-calls itself, one after the other; and so does a system that cannot copy a process.
+A copy has none of the other threads, whose locks stay as they were. So a program that
+has threads of its own, as a notebook has, makes all calls itself, one after the other,
+unless it asks for processes; and so does any program on a system that cannot copy a
+process.
 """
 
 import os
@@ -38,7 +39,7 @@ def free_processors() -> int:
 
 
 def threads_of(threads: int | None) -> int:
-    """Return the number of threads that was asked for; None: one a processor."""
+    """Return the number of threads asked for; None: one for each processor."""
     return free_processors() if threads is None else threads
 
 
@@ -113,7 +114,7 @@ class Ahead(Generic[T]):
         received: Callable[[Any], T],
         first: Sequence[int] = (),
     ) -> None:
-        """Begin nothing yet.
+        """Store the calls; none begins yet.
 
         Args:
             calls: The calls. They must change nothing that a later one reads.
@@ -163,7 +164,7 @@ class Ahead(Generic[T]):
         return self._made.pop(number)
 
     def begin(self) -> bool:
-        """Let copies begin; return whether there are any, which do the work."""
+        """Start the copies of this process; return whether there are any."""
         self._fill(0)
         return bool(self._copies)
 

@@ -36,7 +36,7 @@ class BoundEvaluator(Protocol):
         """Return all outputs in a new array, shape (rows of all outputs, size).
 
         Args:
-            population: Shape (dim, size), one column an individual; not kept.
+            population: Shape (dim, size), a column for each individual; not kept.
         """
 
     def attach(self, population: Array, outputs: Sequence[Array]) -> Pointers | None:

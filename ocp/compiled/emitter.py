@@ -1,8 +1,8 @@
 """A tape as LLVM IR: the population as vectors, the horizon as a loop.
 
-A function is emitted flat or rolled. Rolled code is one stage in a loop over the
-intervals of a horizon, so that neither code nor build time grow with the horizon.
-frame.py describes what a kernel reads and writes.
+A tape is the list of a function's operations. It is emitted flat or rolled. Rolled code
+is one stage in a loop over the intervals of a horizon, so that neither code nor build
+time grow with the horizon. frame.py describes what a kernel reads and writes.
 
 The tape is simplified first: multiples of one value in a sum are merged. CasADi keeps
 sums as they are written: the classical Runge-Kutta step of a constant rate k is
@@ -11,9 +11,9 @@ stage, so that one sine serves both. This removes some roundings. Multiples are 
 only if they have one sign, so that nothing cancels, and if nothing else uses the
 partial sum.
 
-Steps of adaptive length are a loop of their own, until all individuals are done.
-ocp/integration/rodas.py defines their tick; for an individual that is done it changes
-nothing.
+Steps of adaptive length are a loop of their own, until all individuals are done. Each
+turn of the loop is a tick, which ocp/integration/rodas.py defines; a tick changes
+nothing for an individual that is done.
 """
 
 import math
@@ -28,7 +28,7 @@ from swarmstart.tape import Node, Tape, TapeBuilder
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Ticks:
-    """Steps of adaptive length from check to check; see ocp/integration/rodas.py.
+    """Steps of adaptive length between checks; a tick tries one (integration/rodas.py).
 
     Attributes:
         tick: Function (z, u, p, s) -> z after one tick, s flat over both ends of a

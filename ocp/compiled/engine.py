@@ -111,7 +111,7 @@ class Compiled:
         address: Address of void kernel(double **in, double **out, int64 n).
         part_address: Address of `part`.
         part: void part(double **in, double **out, int64 n, int64 first, int64 last), a
-            function of ctypes; both release Python's lock.
+            function of ctypes; this function and `call` release Python's lock.
         call: The kernel as a function of ctypes.
         keeps_alive: Owner of the code.
     """

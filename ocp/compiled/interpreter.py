@@ -64,7 +64,8 @@ class Program(NamedTuple):
 
     Attributes:
         table: Instructions, int64, shape (instructions, 4).
-        constants: Numbers behind the shared arguments, shape (constants,).
+        constants: The function's constants, which follow the shared arguments in the
+            kernel's array of shared numbers, shape (constants,).
         slots: Length of the work vector.
         rows: Number of rows of all outputs.
     """

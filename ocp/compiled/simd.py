@@ -440,7 +440,7 @@ def compile_flat(
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Ticking:
-    """Steps of adaptive length in an interval; see ocp/integration/rodas.py.
+    """Steps of adaptive length in an interval; a tick tries one (integration/rodas.py).
 
     Attributes:
         tick: (z, u, p, s) -> z after one tick.

@@ -76,7 +76,7 @@ def _pool(process: int, workers: int) -> ThreadPoolExecutor:
 
 @contextlib.contextmanager
 def aside() -> Iterator[None]:
-    """Translate code that is compiled in this context in another thread.
+    """Let another thread translate the code that is compiled in this context.
 
     Yields:
         Nothing.

@@ -1,9 +1,9 @@
-"""An NLP solved from the user's start and from a searched one; the better is kept.
+"""An NLP solved from the user's start and a searched one; the better answer is kept.
 
 The states are eliminated (elimination.py), a population searches the controls by
 roll-outs (warm_search.py), IPOPT polishes the best distinct points on the expanded NLP,
 and the best of those is the second start of the user's own solver. The solver runs from
-there only if that promises a better answer than from the user's own start.
+the second start only if that start promises a better answer than the user's own.
 
 Answers are compared by the NLP's own f and g, not by the solver's report: feasible
 before infeasible, with a row's excess relative to the size of its terms
@@ -59,8 +59,8 @@ class StartOutcome:
 
     Attributes:
         cost: Value of f; infinity if there is no answer.
-        violation: Largest excess of a row, relative to its terms; infinity if there is
-            no answer.
+        violation: Largest excess of a row of g or x over its bounds, relative to the
+            size of its terms; infinity if there is no answer.
         status: The solver's own status, or the reason why it did not run.
         iterations: Iterations of the user's solver.
         seconds: Wall time [s]; for the searched start including the search.
@@ -74,7 +74,7 @@ class StartOutcome:
 
     @property
     def feasible(self) -> bool:
-        """True if every row is kept."""
+        """True if every row is within its bounds, up to `FEASIBLE`."""
         return self.violation <= FEASIBLE and math.isfinite(self.cost)
 
     def __str__(self) -> str:
@@ -112,7 +112,9 @@ class WarmStartReport:
 
 
 class WarmStartedSolver:
-    """Solver of an Opti or a CasADi NLP from two starts; made by `warm_start`.
+    """Solver of an Opti or a CasADi NLP, made by `warm_start`.
+
+    It tries the user's own start and a searched one, and keeps the better answer.
 
     Attributes:
         report: Report of the last `solve`; None before the first.

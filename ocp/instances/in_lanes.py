@@ -1,7 +1,7 @@
 """Instances solved at once in lanes, and verified.
 
 Every start of an instance is a lane of its own, and the best answer of an instance is
-verified. `lanes_of` is the only place that knows which lanes there are.
+verified. `lanes_of` is the only place that knows which kinds of lanes there are.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -58,7 +58,7 @@ decisions about the start (ny, n)) -> their answers."""
 
 
 def lanes_of(planner: Planner, instances: Instances, threads: int) -> Lanes | None:
-    """Return lanes for the instances of a problem; None if lanes do not support it.
+    """Return the solver in lanes for instances; None if lanes do not support them.
 
     Args:
         planner: Planner of the problem.
@@ -93,9 +93,9 @@ class InLanes:
 
     Attributes:
         planner: Planner of the problem.
-        core: The core that the lanes solve: that of the problem, or with other checks
-            and margins.
-        lanes: The lanes.
+        core: The problem after all rewrites (core), as the lanes solve it: possibly
+            with other checks and margins.
+        lanes: The solver in lanes.
         paths: Verification of many answers at once; None: one by one.
         each: Verification one by one.
         threads: Largest number of threads.
@@ -111,7 +111,7 @@ class InLanes:
     def with_margins(
         self, core: OptimalControlProblem, instances: Instances
     ) -> "InLanes | None":
-        """Return a solver with margins, whose answers are judged without; or None.
+        """Return a solver with margins, whose answers are judged without them; or None.
 
         None if lanes do not support the problem with margins.
 

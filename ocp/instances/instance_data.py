@@ -1,7 +1,7 @@
 """Data of many instances of one problem, as they are given and for the problem's core.
 
 A value that all instances share is repeated without being copied. An instance with
-invalid data is found by its number, with the reason; the others are solved. They are
+invalid data is listed by its number, with the reason; the others are solved. These are
 put into an order that depends on their data only, so that the order in which they are
 given changes no bit of an answer.
 """
@@ -96,7 +96,7 @@ class InstanceData:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class PosedInstances:
-    """Data of the valid instances for the core, in an order that depends on them only.
+    """Valid instances of the rewritten problem (core), ordered by their data only.
 
     Attributes:
         numbers: Number of each valid instance among those given, shape (n,).
@@ -260,7 +260,9 @@ def _guesses(problem: OptimalControlProblem, guesses: ArrayLike, M: int) -> Arra
 
 
 def posed_instances(planner: Planner, data: InstanceData) -> PosedInstances:
-    """Return the valid instances for the core, and why the others are invalid.
+    """Return the valid instances of the core, and why the others are invalid.
+
+    The core is the problem after all rewrites.
 
     Args:
         planner: The planner of the problem.

@@ -1,13 +1,15 @@
-"""Waves of solves of many instances in lanes.
+"""Waves: the rounds in which many instances are solved in lanes.
 
-    starts       every instance from its first start, the answer verified
-    margins      answers that break a limit between the checks and would be the
-                 cheapest, again with finer checks and margins; at once, since a
-                 confirmed answer is not given up for one that is not
-    neighbours   from answers to similar instances that promise to be cheaper, and those
-                 that failed; again while that finds better answers
-    more starts  all of this again from other starts, for those that failed and for some
-                 drawn at random; for more of them as long as that finds cheaper answers
+    starts       every instance is solved from its first start, and the answer verified
+    margins      an instance whose answer breaks a limit between the checks, but would
+                 be the cheapest, is solved again with finer checks and margins; at
+                 once, since a confirmed answer is not given up for one that is not
+    neighbours   instances that failed, or for which the answer to a similar instance
+                 promises a lower cost, are solved from answers to similar instances;
+                 this is repeated while it finds better answers
+    more starts  all of this is done again from other starts, for instances that failed
+                 and for some drawn at random; more are drawn as long as the other
+                 starts find cheaper answers
 
 Neighbours carry a better optimum from instance to instance, so that it needs to be
 found once only, and the starts that find it need not be tried everywhere.
@@ -53,7 +55,7 @@ would come back in every wave."""
 
 
 class LaneWaves:
-    """Waves of solves of the instances of a problem in lanes."""
+    """The waves in which the instances of a problem are solved in lanes."""
 
     def __init__(self, work: Work, lanes: InLanes) -> None:
         """Keep the work and the lanes.
@@ -75,8 +77,8 @@ class LaneWaves:
         """Solve all instances; return the number of those that were drawn last.
 
         At these the other starts found nothing cheaper, so that they were not tried at
-        the other instances. Only drawn instances that had an answer before count. 0: no
-        start was left out in this way.
+        the other instances. Of the drawn instances, only those that had an answer
+        before are counted. 0: no start was left out in this way.
 
         Args:
             count: Number of starts of each instance; None: as in `solve_many`.

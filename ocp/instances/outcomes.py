@@ -1,4 +1,4 @@
-"""Answers to instances of the core of a problem, in arrays with a column for each.
+"""Answers to instances of a rewritten problem (core), in arrays, a column for each.
 
 An answer replaces an earlier one if it is confirmed on the finer path and the other is
 not, or if neither is confirmed and it is better by (violation, cost).
@@ -22,7 +22,7 @@ Statuses = NDArray[Any]
 
 
 class Answers(NamedTuple):
-    """Answers to n instances; costs are those of the core, which are minimised.
+    """Answers to n instances; costs are those of the core, the rewritten problem.
 
     Attributes:
         status: Status of each, shape (n,).
@@ -78,7 +78,7 @@ class Answers(NamedTuple):
 
         Args:
             solutions: At least one.
-            core: The core of their problem.
+            core: Their problem after all rewrites (core).
         """
         plans, paths = ([getattr(s, name) for s in solutions] for name in _PARTS)
         with np.errstate(invalid="ignore"):  # Of states that are infinite.
@@ -126,7 +126,7 @@ class Outcomes:
     """The best answers so far; their arrays are written in place.
 
     Attributes:
-        core: The core of the problem.
+        core: The problem after all rewrites (core).
         answers: The answers, a column for each instance.
         solver: Solver of each answer, shape (n,): "lanes", the name of an NLP solver,
             or empty.
@@ -170,7 +170,7 @@ class Outcomes:
             chosen: Numbers of the instances, shape (n,).
             found: Answers to these instances.
             solver: The solver.
-            start: What it started from.
+            start: What the solve started from.
         """
         self.attempts[chosen] += 1
         self.answers.iterations[chosen] += found.iterations

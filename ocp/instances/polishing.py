@@ -53,7 +53,7 @@ class Group(NamedTuple):
 
 
 class Answered(NamedTuple):
-    """Answer of the core to one instance.
+    """Answer to one instance of the rewritten problem (core).
 
     Attributes:
         controls: Shape (nu, N).
@@ -130,13 +130,13 @@ class OneByOne:
         """Return the derivatives of answers, or the errors that say why there are none.
 
         An answer that satisfies the first-order conditions of the NLP is not solved
-        again. Any other answer is first polished from itself, without repair. It may
-        have margins at its limits, which the NLP does not have, or be made by
-        collocation, whose variables it does not keep.
+        again. Any other answer is first polished from itself, without repair. Such an
+        answer may have margins at its limits, which the NLP does not have, or come from
+        collocation, whose inner variables are not stored.
 
         Args:
             answers: Confirmed answers.
-            by: Data to differentiate by.
+            by: "x0" or "parameters", as in `Solution.sensitivity`.
         """
         planner = self.planner
         core, held = planner.lowered, planner.problem.integer
@@ -169,8 +169,8 @@ class OneByOne:
         """Return the polished, verified and improved answer to one instance.
 
         Args:
-            x0: Initial state of the core, shape (nx,).
-            known: Known data of the core.
+            x0: Initial state of the rewritten problem (core), shape (nx,).
+            known: Known data of the rewritten problem (core).
             start: Start of the NLP solver; None as in `polished`.
             near: Whether the start is an answer that the solver should stay near.
         """

@@ -27,13 +27,13 @@ _CURVED = 0.2
 
 
 class Neighbours:
-    """Distances between the instances of a core."""
+    """Distances between the instances of a rewritten problem (core)."""
 
     def __init__(self, core: OptimalControlProblem, instances: Instances) -> None:
         """Scale the data of all instances.
 
         Args:
-            core: The core.
+            core: The rewritten problem (core).
             instances: Data of all instances.
         """
         rows = np.vstack([*instances])
@@ -95,12 +95,13 @@ def promises(
 
         V_i - V_k = (lam_i + lam_k)' (x_i - x_k) / 2
 
-    If V_i is larger, their optima differ, and the difference is half the sum of what
-    the neighbour's optimum gains at both. A gain counts from `CHEAPER` of the cost on,
-    and from `_CURVED` of the terms of second order, (lam_i - lam_k)' (x_i - x_k).
+    If V_i is larger, their optima differ, and the excess is half the sum of the gains
+    of the neighbour's optimum at i and at k. A gain counts if it is at least `CHEAPER`
+    times the cost, and at least `_CURVED` times the terms of second order, (lam_i -
+    lam_k)' (x_i - x_k).
 
     Args:
-        core: The core.
+        core: The rewritten problem (core).
         instances: Data of all instances.
         answers: Answers to these instances.
         around: Numbers of each instance's neighbours, -1 if there are fewer.
@@ -135,7 +136,7 @@ def starts_from(
     """Return answers of neighbours as starts of some instances.
 
     Args:
-        core: The core.
+        core: The rewritten problem (core).
         instances: Data of all instances.
         answers: Answers to these instances.
         chosen: Numbers of the instances, shape (n,).
@@ -154,10 +155,11 @@ def starts_from(
 def random_start(core: OptimalControlProblem, seed: Sequence[int]) -> Start | None:
     """Return random controls and decisions, the same for all instances.
 
-    None if the problem has nothing to draw. The initial state has decisions only.
+    None if the problem has nothing to draw. In the initial state only decided entries
+    are set; the others are NaN.
 
     Args:
-        core: The core.
+        core: The rewritten problem (core).
         seed: Seed of the random controls.
     """
     if not core.model.nu:
@@ -176,10 +178,10 @@ def at_instances(
     """Return one start for some instances, each with its own initial state.
 
     Args:
-        core: The core.
+        core: The rewritten problem (core).
         instances: Data of all instances.
         chosen: Numbers of the instances.
-        start: The start; its initial state has decisions only.
+        start: The start; in its initial state only decided entries are used.
     """
     drawn = np.full(core.model.nx, np.nan) if start.x0 is None else start.x0
     decided = _decided(core, drawn)
@@ -195,7 +197,7 @@ def with_decisions_of(
     """Return instances with the decisions about the start of others.
 
     Args:
-        core: The core.
+        core: The rewritten problem (core).
         instances: Instances.
         x0: Initial states of as many others, shape (nx, n).
     """

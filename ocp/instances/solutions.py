@@ -74,7 +74,9 @@ class Solutions(Presenting):
     """Answers to M instances of one problem, in the order of their initial states.
 
     Index it to get the `Solution` of one instance, which is polished by the NLP solver
-    from the answer here, and verified; iterate over it to get all of them.
+    from the answer here, and verified; iterate over it to get all of them. The finer
+    path of an answer is that of the same controls with ten times as many integration
+    steps.
 
     Attributes:
         problem: The problem as it was given.
@@ -91,7 +93,7 @@ class Solutions(Presenting):
             instances; 0: no start was left out in this way.
         invalid: Reason why an instance is invalid, by its number.
         seconds: Wall time of the solves [s].
-        core_answers: The answers in the terms of the problem's core.
+        core_answers: The answers in the terms of the rewritten problem (core).
         how: Settings of the solves.
 
     Example:
@@ -152,12 +154,18 @@ class Solutions(Presenting):
 
     @property
     def excess(self) -> Array:
-        """Worst excess of a constraint on the finer path, by its scale, (M,)."""
+        """Worst excess of a constraint on the finer path, shape (M,).
+
+        It is relative to the constraint's scale.
+        """
         return self.core_answers.excess
 
     @property
     def end_difference(self) -> Array:
-        """Largest difference of a state's end on the finer path, by its scale, (M,)."""
+        """Largest difference of an end state on the finer path, shape (M,).
+
+        It is relative to the state's scale.
+        """
         return self.core_answers.end_difference
 
     @property
@@ -210,8 +218,9 @@ class Solutions(Presenting):
     def sampled_line(self) -> str:
         """Sentence about starts that were tried at some instances only, else empty.
 
-        The share of all instances at which they would find something is below 3 / n, at
-        95 %, if they find nothing at n instances (Hanley and Lippman-Hand 1983).
+        If these starts find nothing cheaper at n instances drawn at random, the share
+        of all instances at which they would is below 3 / n, at 95 % confidence (Hanley
+        and Lippman-Hand 1983).
         """
         if not self.sampled:
             return ""
@@ -276,8 +285,8 @@ class Solutions(Presenting):
         An answer has no multipliers of its own. They are computed by least squares from
         the first-order conditions with its active limits. If they satisfy the
         conditions, nothing is solved again. Otherwise the answer is first polished by
-        the NLP solver, from itself and without margins: it has margins at its limits,
-        or comes from a polish by collocation.
+        the NLP solver, from itself and without margins. This is needed for an answer
+        with margins at its limits, or from a polish by collocation.
 
         Args:
             by: As in `Solution.sensitivity`.
@@ -450,7 +459,7 @@ class SolveManyInterrupted(Sendable, KeyboardInterrupt):
 def counted_near(
     problem: OptimalControlProblem, data: InstanceData
 ) -> OptimalControlProblem:
-    """Return a problem whose states far from zero are counted from a typical start.
+    """Return a problem with a typical start subtracted from states far from zero.
 
     Args:
         problem: The problem.

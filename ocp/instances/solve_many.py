@@ -1,7 +1,7 @@
 """One problem solved for many initial states, parameters and signals.
 
 Shapes and names are read first; an invalid instance is left out, with the reason. Then
-follow the waves of waves.py.
+the instances are solved in several rounds, the waves of waves.py.
 
 Each instance is solved by itself, in an order that depends on the data only, and all of
 one wave before the next. So the answers have the same bits for any number of threads
@@ -116,10 +116,10 @@ def solve_many(  # noqa: PLR0913 - the whole way in one call
             or the middle of the bounds, first with the states that these controls lead
             to, then with states that stay at x0; after that random controls. None: the
             first start for all instances, and three others for instances that fail and
-            for some drawn at random; for more instances as long as that finds cheaper
-            answers.
-        polish: NLP solver of the instances that the lanes leave, as in `solve`; None:
-            they stay unsolved.
+            for some drawn at random; more are drawn as long as the other starts find
+            cheaper answers.
+        polish: NLP solver of the instances that lanes do not solve, as in `solve`;
+            None: these stay unsolved.
         repair: As in `solve`, for the answers of the NLP solver.
         threads: Largest number of threads of the lanes, and of processes of the NLP
             solver, as in `solve`. The answers have the same bits for any number.
@@ -128,8 +128,8 @@ def solve_many(  # noqa: PLR0913 - the whole way in one call
             if a number is not finite, or its initial state breaks the bounds of the
             states or the path constraints.
         seed: Seed; each instance has a generator with this seed, as in `solve`.
-        progress: As in `solve`; a function is called with (instances done, all, what is
-            being done).
+        progress: As in `solve`; a function is called with (instances done, number of
+            all, text on what is being done).
 
     Returns:
         The answers, each verified along its finer path.

@@ -4,9 +4,10 @@ The values are those of the problem's own grid and of a path ten times finer, in
 code for all instances (rollout/paths_at_once.py). An answer that is confirmed is called
 FEASIBLE: whether it is a local optimum is not asked here.
 
-Each answer is judged by the natural sizes of its own instance, as `verified` does: by
-sizes in common, a small instance could break a limit unseen, and a large one would seem
-to break what it keeps. These sizes are needed only if something is broken or differs.
+Each answer is judged by the natural sizes of its own instance, as `verified` does: with
+common sizes, a small instance could break a limit unnoticed, and a large one would seem
+to break a limit that it keeps. These sizes are needed only if something is broken or
+differs.
 """
 
 from dataclasses import dataclass
@@ -34,7 +35,7 @@ from swarmstart.ocp.statement.problem import OptimalControlProblem
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FinePaths:
-    """Verifies the controls of many instances of a core at once.
+    """Verifies the controls of many instances of a rewritten problem (core) at once.
 
     Attributes:
         paths: The compiled paths.
@@ -151,7 +152,7 @@ def _judged(
     """Return the status of each answer, as `_judged` of answer/solution.py does.
 
     Args:
-        problem: The core.
+        problem: The rewritten problem (core).
         data: The instances with their controls.
         grid: Roll-outs on the problem's own grid.
         path: Values of the finer paths.

@@ -1,9 +1,10 @@
-"""Waves of solves of many instances of one problem: in lanes, then one by one.
+"""Waves: many instances of one problem solved in lanes, then one by one.
 
-The lanes solve what they can (lane_waves.py). Instances that are still open are solved
-by an NLP solver, one by one: from an instance's own answer that was not confirmed, else
-the guess; from neighbours; from random controls. If the finer grid gives another value
-for the polished own answer, too, the grid is too coarse, and no start changes that.
+The lanes solve what they can (lane_waves.py). Instances without a confirmed answer are
+then solved by an NLP solver, one by one: first from an instance's own answer that was
+not confirmed, or else from the guess; then from neighbours' answers; then from random
+controls. If the finer grid gives another value for the polished own answer, too, the
+grid is too coarse, and no start changes that.
 """
 
 from collections.abc import Sequence
@@ -29,7 +30,7 @@ class Ended(NamedTuple):
     """Result of the solves of all instances.
 
     Attributes:
-        is_whole: Whether they were not interrupted.
+        is_whole: Whether all solves were finished, without an interruption.
         sampled: Number of instances drawn at random at which other starts in lanes
             found nothing cheaper, so that these starts were not tried at the other
             instances; 0: no start was left out in this way.

@@ -12,8 +12,8 @@ If controls jump, the fast modes of a stiff model leave their equilibrium, and a
 longer step damps them without resolving them. A cost of 1000 x^2 of such a state would
 be missed, or counted for the whole step. So the first stiff step after a jump is taken
 in five parts, each four times as long as the one before. Modes with decay rates up to
-some thousand times 1 / step are then resolved to 1e-4 (RODAS4 with four steps, a fast
-equilibrium of two states; 4e-2 without the parts).
+some thousand times 1 / step are then resolved to 1e-4, and without the parts only to
+4e-2 (measured with four steps of RODAS4 and a fast equilibrium of two states).
 """
 
 from collections.abc import Callable
@@ -52,8 +52,8 @@ class Method:
         step: Function (r, x, t, h) -> x after one step.
         order: Order of convergence.
         evaluations: Number of evaluations of r in a step.
-        growth: Coefficients of R(z), from z^0 on, by which a mode x' = lambda x changes
-            in a step, z = h lambda; empty: a stable mode decays at any step length
+        growth: Coefficients of R(z), from z^0 on; a step of length h multiplies a mode
+            x' = lambda x by R(h lambda). Empty: a stable mode decays at any step length
             (implicit).
         stable: Recommended largest |h lambda|, inside the stable region with a margin.
     """

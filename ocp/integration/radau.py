@@ -2,7 +2,8 @@
 
 Over an element of length h a state is a polynomial of degree d through its value X_0 at
 the start and X_1 ... X_d at the points c_1 < ... < c_d = 1, which are the roots of
-P_d-1 - P_d (Legendre, on [0, 1]). At each of these points it satisfies x' = f(x):
+P_d-1 - P_d (Legendre, on [0, 1]). At each of these points the polynomial satisfies x' =
+f(x):
 
     sum_j D_ij X_j = h f(X_i),   D = A^-1 (-1, I),   A_ij = integral_0^c_i l_j
 

@@ -106,7 +106,7 @@ MOST_TICKS = _AT_ONCE**_LEVELS
 
 
 def rodas4(rate: Rate, x: ca.SX, t: float, h: float) -> ca.SX:
-    """Return x after one step of RODAS4; see the module's head."""
+    """Return x after one step of RODAS4; see the module's docstring."""
     return rodas4_with_error(rate, x, t, h)[0]
 
 
@@ -276,7 +276,7 @@ def ticked(
 
     Args:
         rate: r(t, y), with t measured from the start of the check [s].
-        z: The column z of the module's head, shape (2 ny + 2, 1).
+        z: The column z of the module's docstring, shape (2 ny + 2, 1).
         sizes: Natural sizes of y, shape (ny, 1).
         duration: Time between two checks [s].
         tolerance: Allowed relative error of a step.

@@ -4,8 +4,8 @@ An interpolant in an SX expression is a call, which machine code cannot make. It
 and values, or its knots and coefficients, are in `Function.serialize({"debug": True})`,
 each after its name: a vector is "V", "J" and its length, then "d" or "J" and eight
 bytes for each number; a byte is two letters, a to p, the lower half first. Derivatives
-that CasADi has made already stand between the knots and the coefficients, with similar
-names. The result is compared with the interpolant before it is used.
+that CasADi has already made are stored between the knots and the coefficients, with
+similar names. The result is compared with the interpolant before it is used.
 
 Source: CasADi 3.8.2, casadi/core/serializing_stream.cpp, interpolant_impl.hpp and
 bspline_impl.hpp.

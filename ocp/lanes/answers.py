@@ -48,7 +48,8 @@ class LaneAnswers:
         starts: Decisions about the start, shape (ny, n).
         states: States at the beginning of each interval and at the end, divided by
             their sizes, shape (nx, N + 1, n).
-        cost: Cost of the problem's core, shape (n,); infinite if a lane broke down.
+        cost: Cost of the rewritten problem (core), which is minimised, shape (n,);
+            infinite if a lane broke down.
         violation: The worst excess in the NLP's scaled numbers, shape (n,).
         iterations: Number of steps, shape (n,).
         optimal: Whether an answer is shown to meet the conditions of a local optimum,
@@ -228,8 +229,8 @@ def paths(answers: LaneAnswers, cheapest: int) -> Array:
 def unseen_share(counts: Sequence[int]) -> Unseen:
     """Return the estimated probability that another answer is a new optimum.
 
-    The estimate is n1 / n with n1 optima found once among n answers; the head of the
-    module has its interval.
+    The estimate is n1 / n with n1 optima found once among n answers; the module's
+    docstring has its confidence interval.
 
     Args:
         counts: Number of times that each optimum was found.

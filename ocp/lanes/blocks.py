@@ -1,4 +1,4 @@
-"""Lanes side by side in one memory, and all starts solved in several of these.
+"""Lanes side by side in one block of memory, and all starts solved in such blocks.
 
 Every name that a kernel reads or writes stands for some rows of the memory, whose
 columns are the lanes. The rows of "next.x" hold the value of x after a turn, for any

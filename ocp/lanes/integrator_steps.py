@@ -35,7 +35,7 @@ class IntegratorSteps:
         value: (y, u, p, unit, shared, a, b) -> (f, l).
         adjoint: The arguments of `value`, with the costate inserted after u -> gradient
             of h by (y, u).
-        before: (y, u, p, g, W, lower triangle of V, ...) behind a step -> (p, g, W, V)
+        before: (y, u, p, g, W, lower triangle of V, ...) after a step -> (p, g, W, V)
             before it.
         count: Number of steps between two checks.
     """

@@ -1,15 +1,16 @@
 """Many instances of one problem solved at once, by an interior-point method in lanes.
 
 An instance has an initial state, parameters and perhaps signals of its own. Every lane
-is IPOPT's method on a Riccati recursion (interior_kernels.py). Lanes are independent:
-an answer has the same bits for any lanes beside it and any number of threads. Numbers
-are divided by the sizes of one instance of a call, though: with other instances in the
-call, all numbers and so the last digits of answers may differ.
+runs IPOPT's method with a Riccati recursion (interior_kernels.py). Lanes are
+independent: an answer has the same bits whatever the other lanes solve, and for any
+number of threads. Numbers are divided by the sizes of one instance of a call, though:
+with other instances in the call, all numbers and so the last digits of answers may
+differ.
 
 Some lanes are solved side by side in one memory (blocks.py). Names of an interval: x,
 xa (state after it), u, w (slacks and elastic variables), m and lam (multipliers), z
 (duals), the step "d.", and of the recursion k, K, V, v. Names of the ends: y (decisions
-about the start), x0, end, and w, m, z of both. Names of a lane: those of
+about the start), x0, end, and w, m, z of both ends. Names of a lane: those of
 interior_verdict.py.
 """
 
@@ -92,7 +93,7 @@ _KEPT = "u", "y", "x", "end", "paid", "worst", "iterations", "met", "force_start
 
 
 class Instances(NamedTuple):
-    """Data of M instances of the core of a problem.
+    """Data of M instances of a problem after all rewrites (core).
 
     Attributes:
         x0: Initial states, with the guesses of the decisions about them, shape (nx, M).
@@ -108,7 +109,7 @@ class Instances(NamedTuple):
         """Return the known data of an instance of the core.
 
         Args:
-            problem: The core.
+            problem: The rewritten problem (core).
             number: Number of the instance.
         """
         return Known(
@@ -136,7 +137,7 @@ class InteriorLanes:
     """Local solves of many instances of one problem.
 
     Attributes:
-        problem: The core of the problem.
+        problem: The problem after all rewrites (core).
     """
 
     def __init__(
@@ -236,7 +237,7 @@ class InteriorLanes:
         """Return one instance several times, for as many starts.
 
         Args:
-            x0: Initial state of the core, shape (nx,).
+            x0: Initial state of the rewritten problem (core), shape (nx,).
             known: Values of the parameters and signals.
             count: Number of times.
         """

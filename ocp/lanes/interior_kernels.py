@@ -2,13 +2,13 @@
 
 The method is IPOPT's: Newton's step on the central path of parameter mu, a filter for
 its length. The system of all intervals is solved from the end to the start by a Riccati
-recursion, whose pivots are positive if and only if the step is one of descent; else
-delta is added to all second derivatives, as much as it takes.
+recursion (the sweep), whose pivots are positive if and only if the step is one of
+descent; else delta is added to all second derivatives, as much as it takes.
 
 Two groups of kernels take turns. A step: `last`, `backward`, `start`, `along`, `aim`. A
 trial of a length: `move`, `trial`, `verdict`, `keep`. Names are rows of the memory of a
-lane (interior.py); those that begin with "d." are the step, "next." and "aim." what
-follows.
+lane (interior.py); those that begin with "d." are the step, and those with "next." and
+"aim." the new values.
 
 Source: Wächter and Biegler (2006), On the implementation of an interior-point filter
 line-search algorithm for large-scale nonlinear programming; Rao, Wright and Rawlings
@@ -145,7 +145,7 @@ def small_interior(
 def compile_interior(
     places: Places, *, own_signals: bool, tolerance: float, most: int, longest: int
 ) -> Interior[Kernel]:
-    """Return the machine code of a problem's kernels; arguments as above.
+    """Return the machine code of a problem's kernels; see `written_interior`.
 
     Raises:
         UnknownOperationError: If a function has an operation that is not compiled.

@@ -1,7 +1,8 @@
 """Newton's step of an interior-point method, part by part, and measures of a point.
 
 The step of an interval's state and controls comes from the Riccati recursion; here are
-its second derivatives, and what follows from it for the rest (barrier.py).
+its second derivatives, and the steps of slacks, elastic variables and duals that follow
+from it (barrier.py).
 """
 
 from typing import NamedTuple

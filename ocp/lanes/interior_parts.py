@@ -90,7 +90,7 @@ class SteppedPlace(Place):
     """An interval whose integrator is computed elsewhere, step by step.
 
     Its cost is the part that is not integrated. Rows, this cost and the jump to the
-    state after it may depend on the state F behind the last step, a given number here.
+    state after it may depend on the state F after the last step, a given number here.
 
     Attributes:
         stepped: Symbols of given numbers by name. Where a step is taken: "F"; "Gc"
@@ -171,8 +171,9 @@ def places_of(program: NonlinearProgram, around: Part | None = None) -> Places:
 
     Args:
         program: NLP of the problem.
-        around: The interval by the state after it (transcription.py), if that is
-            computed elsewhere: then the interval is a `SteppedPlace`.
+        around: The interval with the state after it as a given number
+            (`interval_around` in transcription.py), if that state is computed
+            elsewhere: then the interval is a `SteppedPlace`.
     """
     problem, parts = program.problem, program.parts
     nx = problem.model.nx

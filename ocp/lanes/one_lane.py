@@ -44,11 +44,11 @@ class OneLane:
         sizes: Sizes that numbers are divided by.
         weights: 1 / scale of the rows whose scale depends on the initial state.
         inputs: Number of variables of an interval besides its state.
-        least_unit: Least unit of the cost, and least size of a start's cost that is
-            taken for it.
+        least_unit: Least unit of the cost, and the least size of a start's cost that
+            may become the unit.
         steps: The steps of the integrator.
-        pull: Costate behind the last step of an interval; None: that after the
-            interval.
+        pull: Function for the costate after the last step of an interval, before any
+            jump; None: it is the costate after the interval.
     """
 
     kernels: Mapping[str, Written]
@@ -78,7 +78,7 @@ def one_lane(  # noqa: PLR0913 - a problem, and how exactly it is solved
 
     Args:
         shooting: The functions of the problem.
-        x0: Initial state of the core, shape (nx,).
+        x0: Initial state of the rewritten problem (core), shape (nx,).
         known: Parameters and signals of the core.
         most: Largest number of steps.
         longest: Largest number of instructions of an interval's part of a kernel.

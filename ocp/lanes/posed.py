@@ -30,11 +30,11 @@ class Posed:
         x0: Initial state, without its decided entries, shape (nx,).
         tied: Matrix, shape (nx, ny): 1 if a state starts at a decision, else 0.
         least: Lower bounds of controls and excesses, shape (nu,).
-        most: Upper bounds.
+        most: Upper bounds, same shape.
         first_least: Lower bounds of the decisions about the start, shape (ny,).
-        first_most: Upper bounds.
+        first_most: Upper bounds, same shape.
         x_least: Lower bounds of states, shape (nx,).
-        x_most: Upper bounds.
+        x_most: Upper bounds, same shape.
         windows: Numbers of the nodes of each interval.
         interval: Known arguments of an interval.
         end: Known arguments of the end.

@@ -35,7 +35,8 @@ class LaneSolver:
     """Local solves of one problem in lanes.
 
     Attributes:
-        problem: The core of the problem, whose controls and starts are optimised.
+        problem: The problem after all rewrites (core); its controls and starts are
+            optimised.
     """
 
     def __init__(
@@ -86,13 +87,13 @@ class LaneSolver:
         """Return the local optima that starts lead to.
 
         Args:
-            x0: Initial state of the core, shape (nx,).
+            x0: Initial state of the rewritten problem (core), shape (nx,).
             controls: Controls, shape (nu, N, n), finite; moved inside the bounds.
             starts: Decisions about the start, shape (ny, n), one row for each of
                 `problem.free_starts`; None means those of x0.
             states: Guess of the states between intervals, shape (nx, N + 1, n); None:
                 those that the controls lead to, and, if a lane then ends with broken
-                constraints, states that stay at the first one.
+                constraints, states that stay at the initial one.
             known: Values of the parameters and signals.
 
         Raises:
@@ -162,7 +163,7 @@ class LaneSolver:
 
         Args:
             answers: Answers of lanes.
-            x0: Initial state of the core, shape (nx,).
+            x0: Initial state of the rewritten problem (core), shape (nx,).
             known: Values of the parameters and signals.
             stand_for: Number of answers that each one represents; see
                 `distinct_optima`.
@@ -222,7 +223,7 @@ def random_starts(
     optima, most of them bad. Without bounds, controls and starts lie in [-1, 1].
 
     Args:
-        problem: A core.
+        problem: A rewritten problem (core).
         n: Number of starts.
         rng: Source of all randomness.
         limits: Lower and upper bounds that the controls are drawn in, each (nu,); None

@@ -7,8 +7,8 @@ of its own, and what is held over an interval of the problem is a state v:
     x' = f(x, v),   v' = 0 within a step,   v(0) in the bounds of u
     v+ = u where an interval of the problem begins, else v+ = v
 
-The steps and the costs are the problem's own. Path constraints are kept after each
-step, which the problem asks for at its checks only, so that an optimum may cost more.
+The steps and the costs are the problem's own. Path constraints must hold after each
+step, whereas the problem requires them at its checks only; so an optimum may cost more.
 """
 
 from dataclasses import dataclass, replace
@@ -44,7 +44,7 @@ def are_short(shooting: Shooting, longest: int) -> bool:
     """Return whether the sweep over a step may be short enough for machine code.
 
     Args:
-        shooting: Functions of the core.
+        shooting: Functions of the rewritten problem (core).
         longest: Largest number of instructions of the sweep.
     """
     problem = shooting.problem
@@ -73,7 +73,7 @@ def is_divisible(problem: OptimalControlProblem) -> bool:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Steps:
-    """A core with an interval for each step, and conversions to it and back.
+    """A core (rewritten problem) with an interval for each step, and conversions.
 
     Attributes:
         whole: The core with the intervals that were stated.

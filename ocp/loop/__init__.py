@@ -1,4 +1,4 @@
-"""Closed loop: controllers, plants, teams, the dual mode, and the loop of both.
+"""Closed loop: controllers, teams, the dual mode, plants, and the simulation.
 
 A controller decides from the state and its last decision; a plant makes the step.
 """

@@ -126,7 +126,8 @@ class Trajectory(Presented):
         """Return states (nx,) and controls (nu,) at a time, for `Model.linearised`.
 
         States are linear between the plant's steps. At a control instant the controls
-        are the new ones. Delayed controls are those that the model receives then.
+        are the new ones. Delayed controls are those that the model receives at that
+        time.
 
         Args:
             time: Time within the run [s].

@@ -5,11 +5,11 @@ one. So a run can be stopped, stored and continued.
 
 Receding horizon: at each control instant the planner starts from the last plan, shifted
 by one interval with zero controls appended, and the first control of the new plan is
-applied. (The chapter starts from the unshifted U(t - delta), which does not settle: an
-erratum; `shift=False` does that.)
-If no feasible plan is found, the better of the plan found and the shifted last plan, by
-(violation, cost), is applied, and the plan says so. (Always applying the shifted plan
-can stall: an infeasible plan would be repeated for ever.)
+applied. (The chapter starts from the unshifted U(t - delta), as `shift=False` does. The
+loop then does not settle: an erratum.) If no feasible plan is found, the better of the
+plan found and the shifted last plan, by (violation, cost), is applied; `Plan.source`
+says which. (Always applying the shifted plan can stall: an infeasible plan would be
+repeated for ever.)
 """
 
 from __future__ import annotations
@@ -241,7 +241,7 @@ class RecedingHorizon:
         carries: Whether a polish also starts from the multipliers of the last plan. Set
             it to False if the meaning of the signals changes from plan to plan. Such a
             polish is stopped after three times the median iterations of the earlier
-            ones, and at least 20; it then begins anew from the usual start.
+            ones, but not before 20; it is then repeated from the usual start.
         within: Limit of the wall time for one plan [s], without loading and compiling.
             At the limit search and polish are stopped, and the best plan so far (by
             violation, then cost) is applied. It is never worse than the shifted last
@@ -390,7 +390,7 @@ class RecedingHorizon:
 
     @checked(refused, plan=of_kind(Plan, "a Plan"))
     def flown(self, plan: Plan) -> Array:
-        """Return the controls or knots of a plan that one plant receives."""
+        """Return the controls or knots of a plan, for one member of an ensemble."""
         stated, lowered = self.planner.stated, self.planner.lowered
         return lowered.knots(plan.controls, plan.x0)[: stated.flown_controls]
 
@@ -431,8 +431,8 @@ class RecedingHorizon:
 
         Args:
             time: Time since the start [s].
-            seen: Signal rows that follow the reference's, each (k, nodes): plans of
-                others.
+            seen: Further signals, after those of the reference, each of shape (k,
+                nodes): plans of other agents.
             length: Expected length of the plan [s]; None: the horizon, or the guess of
                 a free one.
         """
@@ -634,7 +634,7 @@ def plan_of_step(
 
     Args:
         planner: The planner.
-        state: State of the core, shape (nx,).
+        state: State of the rewritten problem (core), shape (nx,).
         known: Parameters and signals of the plan.
         shifted: Controls of the shifted last plan, shape (nu, N); None at the start.
         within: As in `RecedingHorizon`.

@@ -22,9 +22,9 @@ along such polynomials, with r = a - b, are found in two steps:
         (d_0 + d_1 - l) / 2 - e_a - e_b  <=  |r|  <=  max(d_0, d_1) + e_a + e_b
 
 2.  On the other pieces |r|^2 is a polynomial of degree 10 in Bernstein form. It lies
-    between its smallest and its largest coefficient; the first and the last one are
-    its values at the ends. Pieces are halved (de Casteljau) until no bound exceeds
-    the best end by TOLERANCE: branch and bound, so no extreme between samples is
+    between its smallest and its largest coefficient; the first and the last one are its
+    values at the ends. Pieces are halved (de Casteljau) until no bound exceeds the best
+    value at an end by TOLERANCE: branch and bound, so no extreme between samples is
     missed.
 
 Source: Hairer, Norsett and Wanner (1993), Solving Ordinary Differential Equations I,

@@ -263,11 +263,13 @@ def terminal_set_of(  # noqa: PLR0913 - what a design rests on, by name
     Args:
         problem: Problem with the dynamics, the bounds and dt.
         at: Reference state, shape (nx,), SI units.
-        weights: Weights Q and R per step, and kappa.
+        weights: Weights Q and R per step, and kappa, as `Weights` explains.
         velocity: Velocity of a reference that moves, shape (nx,), per second, in states
-            without bounds on which the dynamics do not depend; None if it rests.
+            without bounds on which the dynamics do not depend; None: the reference
+            rests.
         parameters: Values of the model's parameters, shape (np,).
-        options: Options of the proof; None: any decrease.
+        options: Options of the proof; None: `ProofOptions()`, with which any decrease
+            is enough.
         rng: Source of the samples and of the rays that look for counterexamples.
 
     Returns:
@@ -277,7 +279,7 @@ def terminal_set_of(  # noqa: PLR0913 - what a design rests on, by name
         InvalidProblemError: If a shape is not the problem's.
         NotAnEquilibriumError: If no input keeps the reference at rest, or gives it its
             velocity.
-        MovingReferenceError: If it cannot move with that velocity.
+        MovingReferenceError: If the reference cannot move with its velocity.
         SwarmstartError: As in `certified_terminal_set`.
 
     Example:

@@ -22,9 +22,9 @@ has a rule that is safe without such a condition.)
 
 The number of agents within range changes from step to step, but a compiled problem has
 a fixed number of signals. So there is one planner for each of a few numbers of
-neighbours. An agent uses the smallest that has enough room; unused neighbour slots get
-a position FAR away. All agents share the planners, so the cost of a team's step depends
-on what its agents see, not on the number of agents.
+neighbours. An agent uses the one for the smallest number that suffices; unused
+neighbour slots get a position FAR away. All agents share the planners, so the cost of a
+team's step depends on what its agents see, not on the number of agents.
 
 Source: Richards and How (2007), Robust distributed model predictive control,
 International Journal of Control 80, for planning in turn against the others' last
@@ -189,7 +189,7 @@ class LocalTeam(Called):
             range: Distance within which an agent sees others' plans [m].
             position: Rows of an agent's states that are its position.
             links: Number of links that the problems have signals for. An agent with
-                fewer links gets the position FAR for the rest.
+                fewer links gets the position FAR for the missing ones.
             within: Limit of the wall time for the plan of one agent [s], as in
                 `RecedingHorizon`; None: no limit.
 
@@ -341,7 +341,7 @@ class LocalTeam(Called):
         """Return the agents whose plans come within range of another agent's last plan.
 
         Args:
-            shown: Plans by number, each (nx, nodes).
+            shown: Plans by the number of their agent, each (nx, nodes).
             states: States of all agents now, shape (agents, nx). An agent without a
                 last plan is assumed to keep its present position.
             number: Number of the agent.

@@ -1,7 +1,7 @@
 """Phases in closed loop: the remaining phases are planned anew every period.
 
-    phase k, for e seconds so far:  decide T, the rest of it, and all later phases
-                                    lower <= T + e <= upper of its horizon
+    phase k, after e seconds in it:  decide T, the time left in it, and all later phases
+                                     lower <= T + e <= upper of its horizon
 
 One problem is built once for each number of remaining phases. A step applies the plan
 for one period. If the phase ends within about that time, the step applies the rest of
@@ -135,7 +135,7 @@ class PhasedHorizon:
 
     @checked(refused, x0=reals())
     def start(self, x0: ArrayLike) -> Array:
-        """Return the plant's initial state from one of the first phase.
+        """Return the plant's initial state from an initial state of the first phase.
 
         Args:
             x0: State of the first phase, shape (nx of that phase,).

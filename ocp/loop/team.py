@@ -194,7 +194,7 @@ class Team(Called):
 
         Args:
             state: Stacked state, shape (nx,).
-            make: Makes one plan; called once for each agent.
+            make: Function that makes the plan of one agent; called once for each.
         """
         states = self.split(state)
         made: dict[int, Plan] = {}

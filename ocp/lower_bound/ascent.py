@@ -1,7 +1,8 @@
 """The sequence of proven bounds, from a set that holds all trajectories.
 
 For rising degrees: polynomials that shrink the set by means of the known cost, as long
-as that pays, then a polynomial that is high at the start.
+as that pays, then a polynomial whose value at the start, which gives the bound, is
+high.
 """
 
 from __future__ import annotations

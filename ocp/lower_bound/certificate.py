@@ -8,8 +8,8 @@ with a new digest must still pass the proof.
 
     ["t", 0]  ["x", 0]  ["u", 0]  ["const", 9.81]  ["mul", 0, 3]
 
-are the instructions of the tape: time, states in their sizes, controls, constants, and
-operations on the values of earlier instructions (those of
+are the instructions of the tape: time, states divided by their sizes, controls,
+constants, and operations on the values of earlier instructions (those of
 `terminal_set/interval_arithmetic/tape.py`).
 """
 

@@ -2,8 +2,8 @@
 
     python -m swarmstart.ocp.lower_bound.check FILE [--seconds 600]
 
-This is `python -m swarmstart.terminal_set.check`, which judges certificates of both
-kinds. Of a lower bound everything is proven again: derivatives come from arithmetic on
+This is `python -m swarmstart.terminal_set.check`, which judges certificates of every
+kind. Of a lower bound everything is proven again: derivatives come from arithmetic on
 truncated Taylor series in place of CasADi's, and the bound itself is computed in exact
 fractions.
 """

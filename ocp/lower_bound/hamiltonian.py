@@ -94,7 +94,7 @@ class Inequality:
         Args:
             parameters: Parameters of the polynomial, from `packed`.
             lower: Lower corners of boxes of (t, x), or of (t, x, u); shape (d, m).
-            upper: Upper corners.
+            upper: Upper corners, same shape.
         """
         with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
             expansion = self._form.expanded(lower, upper, parameters)

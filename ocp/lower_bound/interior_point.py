@@ -4,9 +4,9 @@
 
 Mehrotra's predictor and corrector work on the normal equations, which have the size of
 w: an iteration costs one product A'DA. The method ends near the centre of the optimal
-set, not at a vertex, so that V changes little from one round of cuts to the next.
-Measured on the programs of this package (10,000 rows, 84 unknowns) it takes a fifth of
-the time of HiGHS.
+set, not at a vertex, so that the polynomial changes little from one round
+(subsolution.py) to the next. Measured on the programs of this package (10,000 rows, 84
+unknowns) it takes a fifth of the time of HiGHS.
 
 Source: Mehrotra (1992), On the implementation of a primal-dual interior point method.
 """

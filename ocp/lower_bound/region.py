@@ -55,7 +55,7 @@ class Region:
         Args:
             lower: Lower corners of boxes of (t, x), shape (1 + n, m); further
                 coordinates are ignored.
-            upper: Upper corners.
+            upper: Upper corners, same shape.
         """
         n = self.statement.n
         lower, upper = lower[: 1 + n], upper[: 1 + n]
@@ -279,7 +279,7 @@ class Filter:
         self._latest = latest
 
     def excludes(self, lower: Array, upper: Array) -> Mask:
-        """Return which boxes no cheaper trajectory passes through, shape (m,)."""
+        """Return which boxes no trajectory below the known cost enters, shape (m,)."""
         return self._margin.bounds(self._parameters, lower, upper).low > 0
 
     def keeps(self, points: Array) -> Mask:

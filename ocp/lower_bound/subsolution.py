@@ -1,4 +1,4 @@
-"""The polynomial of a step: a linear program over cuts, then a proof that finds cuts.
+"""The polynomial of a step: a linear program over points, and proofs that add points.
 
 Each round solves for the coefficients, then looks for points at which the inequality
 fails: by samples as long as these find many, after that by the proof. It adds a row for

@@ -81,7 +81,7 @@ class TaylorForm:
 
         Args:
             lower: Lower corners, shape (d, m).
-            upper: Upper corners.
+            upper: Upper corners, same shape.
             parameters: Values of the parameters, shape (p,).
         """
         d, k, count = self.coordinates, self.functions, lower.shape[1]

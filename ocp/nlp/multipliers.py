@@ -1,7 +1,7 @@
 """Multipliers of an answer: in the units of the user, and as a start of another solve.
 
-With L = cost + costate' (state after an interval - state there) + multiplier' (value -
-limit), stationary at the answer,
+With L = cost + costate' (state that an interval leads to - state at its end) +
+multiplier' (value - limit), stationary at the answer,
 
     costate     the gradient of the optimal cost to go with respect to the state there
     multiplier  the optimal cost changes by -multiplier for each unit by which its limit
@@ -13,7 +13,7 @@ added up, so the sum over all intervals is the worth of the limit as a whole.
 
 An NLP (transcription.py) divides its rows, variables and cost by sizes that depend on
 the initial state and the guess. Without these sizes, the multipliers are those of the
-core, from which another solve can start:
+rewritten problem (core), from which another solve can start:
 
     of a row    lam_g * (size of the cost) / (size of the row)
     of a bound  lam_x * (size of the cost) / (size of the variable)
@@ -46,7 +46,7 @@ from swarmstart.ocp.system.separation import label
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Multipliers:
-    """Multipliers of an answer; signs and sums are explained in the module's head.
+    """Multipliers of an answer; the module's docstring explains signs and sums.
 
     Attributes:
         costates: Costates at the ends of the intervals, shape (nx, N) [cost / unit of a
@@ -192,7 +192,7 @@ def _of_starts(core: OptimalControlProblem, multipliers: Array) -> dict[str, flo
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Duals:
-    """Multipliers of an NLP's rows and bounds, in the units of the core.
+    """Multipliers of an NLP's rows and bounds, in the units of the rewritten problem.
 
     Attributes:
         rows: Multipliers of the rows, shape (ng,).

@@ -9,14 +9,14 @@ short transient needs few steps. There is one set of solvers for each number of 
 
 Deferred correction. An answer of the NLP keeps its limits on the collocated path, but
 an evaluator with another integrator may disagree. Let x_k, u_k be the answer, and c_k
-the inner unknowns that lead from x_k to the state that the evaluator reaches. The rows
-of motion D(c) = 0 are shifted to
+the inner unknowns that lead from x_k to the state that the evaluator reaches. The
+equations of motion, the rows D(c) = 0, are shifted to
 
     D(c) = D(c_k),     x after(c) - x_k+1 = x after(c_k) - evaluator's state,
 
 so that each interval leads to the evaluator's state. The solution of an NLP with these
 rows, started from the answer, is closer to the evaluator by the accuracy of the
-collocation. This is repeated until both agree.
+collocation. This is repeated until NLP and evaluator agree.
 
 Source: Auzinger, Hofstaetter, Kreuzer and Weinmueller (2004), Modified defect
 correction algorithms for ODEs, part I, Numerical Algorithms 36.
@@ -109,7 +109,7 @@ class NlpSolvers:
     """
 
     def __init__(self, fitness: Fitness, options: PolishOptions) -> None:
-        """Try the options on a small NLP; the problem's own is built when asked for.
+        """Try the options on a small NLP; the problem's own NLP is built when needed.
 
         Args:
             fitness: The problem's evaluator; if it is machine code, the NLP's functions
@@ -331,7 +331,7 @@ class _Checks(NamedTuple):
 def corrected(
     point: NlpPoint, sizes: Sizes, parameters: Array, signals: Array
 ) -> tuple[Array, Limits] | None:
-    """Return the next start and the limits with shifted rows of motion.
+    """Return the next start and the limits with shifted equations of motion.
 
     Algebraic equations are not changed.
 

@@ -1,4 +1,4 @@
-"""Polish: an NLP solver started from a guess; the better of the two is kept.
+"""Polish: an NLP solver started from a guess; the better of guess and answer is kept.
 
 The NLP (transcription.py) need not measure constraints as the search does: it uses
 smooth rows at points. So its answer is evaluated like any individual, and returned only
@@ -13,7 +13,8 @@ are tried once.
 
 Collocation (collocation.py) does not integrate the dynamics as the evaluator does. If
 the evaluator finds another cost or a broken limit, the NLP is solved again with its
-rows of motion shifted to the evaluator's states (nlp_solvers.py), until both agree.
+equations of motion shifted to the evaluator's states (nlp_solvers.py), until NLP and
+evaluator agree.
 
 A search's best point need not lie in the basin of the best local optimum. The search's
 archive (`heuristics/running/archive.py`) keeps the best points that are apart in the
@@ -178,8 +179,8 @@ class Polished:
     Attributes:
         controls: Controls, shape (nu, N), within the bounds.
         x0: Initial state, including the decisions about it, shape (nx,).
-        cost: Cost on the problem's evaluator.
-        violation: Violation on the problem's evaluator.
+        cost: Cost by the problem's evaluator.
+        violation: Violation by the problem's evaluator.
         improved: False if the guess was kept.
         status: Status of the solver at its end.
         iterations: The solver's iterations.
@@ -278,7 +279,7 @@ class Polisher(Called):
 
     @property
     def operations(self) -> float:
-        """Operations of a typical solve; infinity if steps depend on the guess."""
+        """Operation count of a typical solve; infinity if steps depend on the guess."""
         program = self.program
         if program is None:
             return math.inf
@@ -327,11 +328,11 @@ class Polisher(Called):
                 they need not be consistent with the controls. None: the states that the
                 controls lead to.
             is_guess: Whether the states give the sizes of unbounded states.
-            near: Whether the guess is an answer of a search or a solver that the solver
-                should stay near if it is feasible to 1e-3.
+            near: Whether the guess is an answer, of a search or a solver, near which
+                this solver should stay if the guess is feasible to 1e-3.
             held: Indices of the controls that are held fixed.
-            carried: Multipliers of an earlier answer to start from. If that does not
-                converge, the solver starts without them. None: no multipliers.
+            carried: Multipliers of an earlier answer to start from. If the solve does
+                not converge, it is repeated without them. None: no multipliers.
 
         Returns:
             The better of the guess and the solver's answer.
@@ -413,7 +414,7 @@ class Polisher(Called):
             states: States at the nodes, shape (nx, nodes).
             x0: Initial state, with the decisions about it, shape (nx,).
             known: Values of the parameters and signals.
-            held: Numbers of the controls that are held.
+            held: Indices of the controls that are held fixed.
 
         Returns:
             The point; None if it breaks limits of the NLP or is not stationary.

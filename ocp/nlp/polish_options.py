@@ -177,8 +177,8 @@ def has_solver(name: str) -> bool:
 
     Raises:
         InvalidProblemError: If the present folder holds files that CasADi could take
-            for its own plug-ins: it also looks there, for the solver and for what the
-            solver uses, and would run code that others left there.
+            for its own plug-ins: CasADi also looks there, for the solver and for what
+            the solver uses, and would run code that others left there.
     """
     if _here_are_plugins():
         raise InvalidProblemError(

@@ -64,8 +64,8 @@ class Start(NamedTuple):
             the NLP is scaled.
         carried: Multipliers of an earlier answer, from which a polish starts; None
             without them.
-        decided: Decisions of an earlier answer about the start of the core's states, by
-            their names: a free end time, parameters.
+        decided: Decisions of an earlier answer about the start of the rewritten
+            problem's states, by their names: a free end time, parameters.
 
     Example:
         >>> import casadi as ca, numpy as np
@@ -122,7 +122,8 @@ class Carried:
         program: The NLP that they belong to; None: the NLP to be solved.
         begin: Start of the new horizon, in the answer's time from 0 to 1.
         end: End of the new horizon, in the answer's time from 0 to 1.
-        stretch: Length of the new horizon divided by the answer's time between both.
+        stretch: Length of the new horizon divided by the answer's time from `begin` to
+            `end`.
         spent: Iterations of earlier solves that began with carried multipliers and
             converged, the latest last, in a closed loop. A solve that takes much longer
             is stopped. If empty, there is no such limit.

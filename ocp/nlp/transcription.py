@@ -14,10 +14,10 @@ constraints hold, in smooth form, at every check; rows that depend on a control 
 hold at the start of each interval. Terminal constraints hold at the end. A range or an
 equality is one row with two limits.
 
-The sizes (scaling.py) are arguments, the cost's in its unit (`Shooting.costs`). So a
-solver is built once and sees numbers near one for all units and initial states. The
-derivatives are those of one interval, mapped and put in their places (nlp_assembly.py),
-so the build time does not grow with N.
+The sizes (scaling.py) are arguments; that of the cost is in the cost's unit
+(`Shooting.costs`). So a solver is built once and sees numbers near one for all units
+and initial states. The derivatives are those of one interval, mapped and put in their
+places (nlp_assembly.py), so the build time does not grow with N.
 
 Source: Bock and Plitt (1984), A multiple shooting algorithm for direct solution of
 optimal control problems.
@@ -105,7 +105,7 @@ class NonlinearProgram(Rebuilt):
 
     @property
     def problem(self) -> OptimalControlProblem:
-        """The core of the problem."""
+        """The problem after all rewrites (core)."""
         return self.shooting.problem
 
     @property
@@ -130,7 +130,7 @@ class NonlinearProgram(Rebuilt):
 
     @property
     def kernels(self) -> list[ca.Function]:
-        """Machine code of the intervals, which the NLP's functions call, not own."""
+        """Machine code of the intervals; the NLP's functions do not keep it alive."""
         return self._functions.kernels
 
     @property

@@ -1,7 +1,8 @@
-"""Rollouts: cost and violation of controls, their finer path, and what that shows.
+"""Rollouts: cost and violation of controls, and their path in finer steps.
 
-The compiled evaluator of populations is `Fitness`; `status.py` has the words for what
-the finer path shows.
+The compiled evaluator of populations is `Fitness`. `status.py` has the statuses that an
+answer gets from its path in finer integration steps, and the advice that goes with
+them.
 """
 
 from swarmstart.ocp.rollout.checking import (

@@ -120,10 +120,10 @@ class Known(NamedTuple):
         parameters: Values of the parameters that are not decided, shape (np,).
         signals: Values of the signals at the nodes, shape (ns, nodes).
         time: Time at the start of the horizon [s].
-        previous: Control of the interval before, shape (nu,), or controls of several
-            intervals before, the last one last, shape (nu, k), for a delay: the first
-            one is taken for all intervals before it, and controls that are older than
-            the delay are ignored; None: the allowed value nearest to zero.
+        previous: Control of the interval before the horizon, shape (nu,). For a delay,
+            controls of several intervals before, the latest last, shape (nu, k): the
+            first column also stands for all earlier intervals, and controls older than
+            the delay are ignored. None: the allowed value nearest to zero.
 
     Example:
         >>> import casadi as ca
@@ -525,7 +525,7 @@ def core_known(lowered: Lowered, known: Known) -> Known:
     """Convert the known data of a stated problem to those of its core.
 
     Args:
-        lowered: The problem with its core.
+        lowered: The problem as stated and as rewritten (core).
         known: The known data of the stated problem.
     """
     return Known(*lowered.known(known.parameters, known.signals, known.time))

@@ -11,8 +11,8 @@ Smooth versions of such problems bring an NLP solver near the optimum:
 
 with s the size of a around the start, and a falling delta. At an active kink, such as
 |u| at a zero control, an NLP solver stops at a random place. If delta is reduced step
-by step, it ends within about delta of the optimum. Jumps (floor, sign, if_else) are not
-changed.
+by step, the solver ends within about delta of the optimum. Jumps (floor, sign, if_else)
+are not changed.
 
 Source: Charbonnier, Blanc-Feraud, Aubert and Barlaud (1997), Deterministic edge-
 preserving regularization in computed imaging, IEEE Transactions on Image Processing 6,
@@ -225,7 +225,7 @@ def smoothed(
     Args:
         problem: The problem.
         sizes: Size of each kink, as `kink_sizes` returns them.
-        part: Factor delta of the module's head.
+        part: Factor delta of the module's docstring.
     """
     kinked = _Kinked(problem)
     found = kinked.rewritten([part * size for size in sizes])

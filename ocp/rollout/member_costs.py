@@ -21,12 +21,14 @@ from swarmstart.ocp.statement.risk import Risk
 def member_costs(
     shooting: Shooting, controls: Array, x0: Array, parameters: Array, signals: Array
 ) -> Array:
-    """Return the members' costs on the problem's grid, shape (M,) or empty.
+    """Return the members' costs on the problem's grid, shape (M,).
+
+    Without a `risk` the problem has no members, and the array is empty.
 
     Args:
         shooting: The functions of the ensemble's problem.
         controls: Controls, shape (nu, N).
-        x0: Initial state of the core, shape (nx,).
+        x0: Initial state of the problem after all rewrites (core), shape (nx,).
         parameters: Parameters of the core, shape (np,).
         signals: Signals of the core at the nodes, shape (ns, nodes).
     """

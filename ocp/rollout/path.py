@@ -4,10 +4,10 @@ A problem's constraints are required at its nodes only; the path is the actual m
 the model. It is integrated by the classical Runge-Kutta method (by RODAS4 if the
 problem's integrator is "stiff") with ten steps for each step of the problem. Their
 lengths differ: a ripple or a pulse whose period divides the problem's steps would look
-the same to steps of a tenth. All constraints are evaluated at all of these points: at
-the start of each step with its control, and at the end of every interval. If the
-problem uses step size control, the steps between these points have their own lengths,
-at a tolerance ten times smaller.
+the same to equal steps of a tenth. All constraints are evaluated at all of these
+points: at the start of each step with its control, and at the end of every interval. If
+the problem uses step size control, the steps between these points have their own
+lengths, at a tolerance ten times smaller.
 """
 
 from dataclasses import dataclass
@@ -48,13 +48,13 @@ class Path:
     Attributes:
         times: Times of the fine steps, shape (n,) [s].
         states: States at these times, shape (nx, n): the problem's own, then those that
-            its core adds, such as a free end time.
+            rewrites add, such as a free end time.
         controls: Controls held from each time to the next, shape (nu, n - 1).
         outputs: Outputs of the model at these times, with the control held from each
             time on, shape (ny, n).
         cost: Cost along the path; multiplied by -1 if it is maximised.
-        magnitude: Integral of |stage cost| plus |terminal cost|; a cost in which a
-            state stands alone is counted from its value at the start.
+        magnitude: Integral of |stage cost| plus |terminal cost|; of a cost in which a
+            state stands alone, its value at the start is subtracted first.
         outside: Constraints that the start breaks.
         broken: The worst excess of each constraint row, the worst first.
         kinks: Names of the kinks and jumps that the path touches.

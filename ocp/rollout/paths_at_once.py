@@ -3,7 +3,8 @@
 The steps, points and constraints are those of path.py. A scan carries, from fine step
 to fine step, the state with the integrals of the cost, the lowest and the highest value
 of each state, and the worst excess of each path row. So nothing of a path is in memory
-but the fine steps' controls and signals. Another scan rolls out the problem's own grid.
+but the fine steps' controls and signals. Another scan rolls out the controls on the
+problem's own grid.
 
 The following is left to path.py, one path after another: step size control, jumps of
 the state, kinks, soft constraints, ensembles, whole numbers, sums instead of integrals

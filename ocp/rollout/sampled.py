@@ -42,7 +42,7 @@ class SampledValue:
     """Evaluates paths at the nodes of one problem; compiled once.
 
     Attributes:
-        problem: The core of the problem.
+        problem: The problem after all rewrites (core).
     """
 
     def __init__(self, stated: OptimalControlProblem) -> None:

@@ -1,35 +1,39 @@
 """Natural sizes of states, controls, cost and constraints, from a problem's numbers.
 
 No absolute number enters a decision, so metres and kilometres give the same answer, and
-so do positions from here and from the middle of the Earth. With the horizon T, the
-initial state x0 and the right-hand side f, the size of
+so do positions measured from here and from the middle of the Earth. T is the horizon,
+x0 the initial state, and f the right-hand side. The way of a state is the distance by
+which it moves, or has to move, from x0. The size of
 
-    a state       the largest of the width of its bounds, its way from x0 to its target
-                  and to the least of its own quadratic costs, and, if it has no bounds,
-                  its way along a guess. If all of these are zero: its way by the motion
-                  that is linear about x0, under the controls' lower, middle and upper
-                  values, by the sizes of the slopes, or with their signs if that is
-                  absurd; else T max |f_i| around x0, over the range of the sizes known
-                  so far; else the size that the rate of a known state implies, s_i /
-                  (T |df_i/dx_j|). A rate acts for 1 / |df_i/dx_i| if that is shorter
-                  than T
-    a control     the width of its bounds; without bounds the guess, else s_i / (T
-                  |df_i/du_j|) of the known states
+    a state       the largest of the width of its bounds, its way to its target and to
+                  the least of its own quadratic costs, and, if it has no bounds, its
+                  way along a guess. If all of these are zero: its way by the motion
+                  that is linear about x0, with the controls at their lower, middle and
+                  upper values; this motion is followed with the absolute values of the
+                  slopes, or, if its way becomes absurdly long, with their signs. If
+                  that way is zero too: T max |f_i| around x0, over the range of the
+                  sizes known so far; else the size that the rate of a known state
+                  implies, s_i / (T |df_i/dx_j|). A rate acts for 1 / |df_i/dx_i| if
+                  that is shorter than T
+    a control     the width of its bounds, or the absolute value of a single bound;
+                  without bounds the guess, else s_i / (T |df_i/du_j|) of the known
+                  states
     a row         its limit, but at least a thousandth of the size of its expression;
                   for a limit of zero, the size of the expression: its value at x0, or
                   around x0 if the value at x0 is negligible
     the cost      T |stage cost| + |terminal cost|, the largest at those points
 
 An expression in which a state stands alone, as x + y^2, moves with the origin of that
-state: its values are counted from the value at x0, and so is its limit, if the limit is
-nearer than the expression varies, but not nearer than a hundredth of that, and if
-x0 keeps it.
+state. Its value at x0 is subtracted from its values and limits. The size of such a row
+is the range of its values around x0; or its limit, if that is smaller than the range,
+but above a hundredth of it, and x0 keeps the limit or the row is an equality.
 
 A size that the problem gives by name (`scales`) replaces that of the state or control.
-A way or a guess that is negligible beside the sizes from the dynamics counts as zero,
-and so does a way that is much shorter than the one of another state needs, if the rate
-of that state is a multiple of this one. All sizes are homogeneous: values in units
-larger by a power of two give sizes that are larger by exactly that power.
+A way or a guess counts as zero if it is negligible compared with the sizes from the
+dynamics. If the rate of a state is a multiple of one other state, the way of that other
+state also counts as zero if it is much shorter than the first one needs for its own
+way. All sizes are homogeneous: values in units larger by a power of two give sizes that
+are larger by exactly that power.
 """
 
 from dataclasses import dataclass, field
@@ -297,7 +301,8 @@ class Sizing:
     ) -> float:
         """Return the sum of dt |stage cost| plus |terminal cost| at the nodes.
 
-        A cost that moves with the origin of a state is counted from its first value.
+        From a cost that moves with the origin of a state, its first value is
+        subtracted.
 
         Args:
             states: States at the nodes, shape (nx, nodes).

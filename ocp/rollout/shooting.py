@@ -76,7 +76,7 @@ class Shooting(Rebuilt):
 
     @property
     def problem(self) -> OptimalControlProblem:
-        """The core of the problem."""
+        """The problem after all rewrites (core)."""
         return self.lowered.core
 
     @cached_property
@@ -211,10 +211,10 @@ class Shooting(Rebuilt):
     def stage(self) -> ca.Function:
         """Function of one control interval; whole numbers are rounded in it.
 
-        (x, u, p, S) -> (states, cost, violation), with p as in the module's head, S the
-        signals at the nodes of the interval, shape (ns, checks + 1), and the states
-        after each check, shape (nx, checks). With step size control, it is a function
-        of calls, not an SX function.
+        (x, u, p, S) -> (states, cost, violation), with p as in the module's docstring,
+        S the signals at the nodes of the interval, shape (ns, checks + 1), and the
+        states after each check, shape (nx, checks). With step size control, it is a
+        function of calls, not an SX function.
         """
         if self.problem.is_adaptive:
             return adaptive_stage(self.problem, self.tick, _closing(self))
@@ -258,8 +258,8 @@ class Shooting(Rebuilt):
     def begin(self) -> ca.Function:
         """Function (x, p, s) -> (cost, violation) at the start of the horizon.
 
-        p is as in the module's head. The violation is that of the rows that are checked
-        at a decided start.
+        p is `parameters` of the module's docstring. The violation is that of the rows
+        that are checked at a decided start.
         """
         return _begin(self)
 
@@ -272,8 +272,8 @@ class Shooting(Rebuilt):
     def terminal(self) -> ca.Function:
         """Function (x, p, s) -> (cost, violation) at the end of the horizon.
 
-        p is as in the module's head. The violation is infinite if a state is not
-        finite.
+        p is `parameters` of the module's docstring. The violation is infinite if a
+        state is not finite.
         """
         return _terminal(self.problem)
 
@@ -354,8 +354,8 @@ class Shooting(Rebuilt):
 
         The time is read a little inside of both ends, so that a function of time that
         jumps there has the value that it has in between. On average over a step the
-        time is not moved, so the error of a smooth function is far below that of a
-        step.
+        time is not moved, so the error of a smooth function is far below the error of
+        the step.
 
         Args:
             ends: Signals at both ends, shape (ns, 1), or (ns, n) of arrays.

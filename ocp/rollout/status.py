@@ -4,8 +4,8 @@ One cause of an answer that is not finite is a mode that is too fast for the ste
 an explicit integrator. A step of length h multiplies a mode e^(lambda t) of the
 linearised model by R(h lambda), whereas the exact factor is e^(h lambda):
 
-    rk4    R(z) = 1 + z + z^2/2 + z^3/6 + z^4/24     stable from -2.785 on, if real
-    euler  R(z) = 1 + z                              from -2 on
+    rk4    R(z) = 1 + z + z^2/2 + z^3/6 + z^4/24     stable for real z >= -2.785
+    euler  R(z) = 1 + z                              for real z >= -2
 
 If a mode decays, Re lambda < 0, but grows from step to step, |R(h lambda)| > 1, the
 computed states explode. The model is stiff if such a mode decays faster than it
@@ -14,8 +14,8 @@ oscillates. If it oscillates faster, only a shorter step resolves it.
 The model may also be unstable. With x' = f(x, u), a small deviation d of the state
 obeys d' = A(t) d with A = df/dx. Over some time it is multiplied by a matrix whose
 largest singular value is the growth, with each state divided by its size. A roll-out of
-controls that are right up to 1e-8 says nothing of an end after a growth of 1e8; each
-interval alone still does.
+controls that are right up to 1e-8 says nothing about the end state after a growth of
+1e8; a roll-out of each interval alone still confirms an answer.
 
 Source: Hairer and Wanner (1996), Solving Ordinary Differential Equations II, IV.2.
 """
@@ -138,7 +138,7 @@ class Growth(NamedTuple):
 
     @property
     def is_large(self) -> bool:
-        """True if a roll-out over this time confirms nothing."""
+        """True if the growth is so large that a roll-out confirms nothing."""
         return not self.log <= MOST_GROWTH
 
     def __str__(self) -> str:
@@ -385,8 +385,8 @@ def growth_along(
 def exponential(A: Array) -> Array:
     """Return e^A of a small matrix of moderate norm, by its series for A / 2^k.
 
-    SciPy's takes a thousand times as long beside other work: its threads wait for each
-    other.
+    SciPy's function takes a thousand times as long while other work runs: its threads
+    wait for each other.
 
     Args:
         A: The matrix, shape (n, n), finite.

@@ -16,8 +16,9 @@ row and interval, so that all functions are smooth:
 
     value - e <= upper,    lower <= value + e    at each of these points
 
-Both are equal at an optimum, since no e is larger than necessary. If w exceeds the
-multiplier that a hard limit would have, the limit is kept exactly, if that is possible.
+The variable e equals the computed e at an optimum, since no e is larger than necessary
+there. If w exceeds the multiplier that a hard limit would have, the limit is kept
+exactly, if that is possible.
 
 Source: Kerrigan and Maciejowski (2000), Soft constraints and exact penalty functions in
 model predictive control.
@@ -89,8 +90,8 @@ class SoftRows:
         problem: The problem.
         lower: Lower limits, shape (m,).
         upper: Upper limits, shape (m,).
-        places: For each row: number of its constraint, counted after those of the path
-            and the end, and its row there.
+        places: For each row: number of its constraint, which comes after those of the
+            path and terminal constraints, and its row there.
     """
 
     def __init__(self, problem: OptimalControlProblem) -> None:

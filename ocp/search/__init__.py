@@ -1,6 +1,7 @@
 """Search for starts: the space of decisions, population searches, lanes, many starts.
 
-The account says which start led to which answer, and what it took.
+`account.py` has the report on the starts: which start led to which answer, and the
+effort.
 """
 
 from swarmstart.ocp.search.account import (

@@ -59,19 +59,20 @@ class Lanes:
     """Results of the local solves that ran in parallel lanes.
 
     Attributes:
-        starts: Number of starts, including those of other origins.
+        starts: Number of starts, including those that are not random.
         optima: Distinct local optima, the cheapest first, with their counts.
-        unseen: Estimated share of such starts that would end in an optimum not seen
-            yet. It holds for these starts and this solution method only, not for all
-            optima. None: the starts were not a random sample, so there is no estimate.
+        unseen: Estimated share of further random starts that would end in an optimum
+            not seen yet. It holds for such starts and this solution method only, not
+            for all optima. None: the starts were not a random sample, so there is no
+            estimate.
         iterations: Steps of all lanes together.
         seconds: Wall time [s].
         infeasible: Number of starts that ended at a point that breaks constraints.
         unfinished: Number of starts that ended at a feasible point which is not shown
             to be an optimum.
         lost: Number of starts whose states became infinite or NaN.
-        varied: Number of starts that are variations of optima from the others; they
-            count for all but `unseen`.
+        varied: Number of starts that are variations of optima found from the other
+            starts; they count in all fields but `unseen`.
     """
 
     starts: int
@@ -142,7 +143,7 @@ class Effort:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Repair:
-    """Account of the repair of an answer that broke constraints between its checks.
+    """Report on the repair of an answer that broke constraints between its checks.
 
     Attributes:
         attempts: Number of problems that were solved again.
@@ -172,7 +173,7 @@ class Repair:
 
     @property
     def line(self) -> str:
-        """The account in one line."""
+        """The report in one line."""
         ended = "confirmed" if self.succeeded else "not confirmed"
         return (
             f"{self.tried}: {ended}; {self.evaluations} "
@@ -183,7 +184,7 @@ class Repair:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Restarts:
-    """Account of the restarts from points near an answer.
+    """Report on the restarts from points near an answer.
 
     Attributes:
         starts: Number of perturbed starts that were polished.
@@ -199,7 +200,7 @@ class Restarts:
 
     @property
     def line(self) -> str:
-        """The account in one line."""
+        """The report in one line."""
         found = f"{self.better} better" if self.better else "nothing better"
         return (
             f"{self.starts} perturbed starts: {found}; {self.iterations} iterations, "
@@ -209,7 +210,7 @@ class Restarts:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class StartsAccount:
-    """Account of all starts that led to an answer.
+    """Report on all starts that led to an answer.
 
     Attributes:
         won: The kind of start that the answer comes from. Of answers that agree to
@@ -218,7 +219,8 @@ class StartsAccount:
         lanes: Results of the local solves in lanes; None without such solves.
         without_lanes: Reason why there were no lanes; empty if there were.
         search: Effort of the search; None without a search.
-        agree: Whether cold starts and lanes agree, so that the search was left out.
+        agree: Whether the starts from default controls and the guess agree with the
+            lanes (many_starts.py), so that the search was left out.
     """
 
     won: Origin
@@ -266,7 +268,7 @@ class StartsAccount:
         return min(found, key=lambda one: (not one.feasible, one.cost), default=None)
 
     def told(self, sense: float = 1.0) -> dict[str, Any]:
-        """Return the account as a dictionary for JSON.
+        """Return the report as a dictionary for JSON.
 
         Args:
             sense: 1 for a minimised cost, -1 for a maximised one.
@@ -281,7 +283,7 @@ class StartsAccount:
         }
 
     def lines(self, sense: float = 1.0) -> list[str]:
-        """Return the account in three lines.
+        """Return the report in three lines.
 
         Args:
             sense: 1 for a minimised cost, -1 for a maximised one.

@@ -1,7 +1,7 @@
 """Searches of one planning problem that use local solves in parallel lanes.
 
 multistart  smooth random starts -> lanes -> distinct optima, batch after batch, until
-            the budget is spent or hardly an optimum is left unseen (settings.py);
+            the budget is spent or hardly any optimum is left unseen (settings.py);
             the polish starts from the best optima
 memetic     generations of L-SHADE; its best distinct members -> lanes -> back into the
             population (heuristics/running/memetic.py)
@@ -59,7 +59,7 @@ TOO_DEAR = "a local solve would cost more than its share of the budget"
 
 
 class Searched(NamedTuple):
-    """Result of a search, with an account of its lanes.
+    """Result of a search, with the results of its lanes.
 
     Attributes:
         result: Result of the search.

@@ -45,7 +45,7 @@ class Task:
     """Task of one search.
 
     Attributes:
-        x0: Initial state of the core, shape (nx,).
+        x0: Initial state of the rewritten problem (core), shape (nx,).
         known: Values of the parameters and signals.
         objective: Population -> cost and violation.
         order: Order of individuals.
@@ -105,10 +105,10 @@ class _Found:
         return max(round(taken * self.solver.rollouts_per_iteration), 1)
 
     def account(self, x0: ArrayLike, known: Known, *, random: bool) -> Lanes:
-        """Return the account of the lanes.
+        """Return the results of the lanes.
 
         Args:
-            x0: Initial state of the core, shape (nx,).
+            x0: Initial state of the rewritten problem (core), shape (nx,).
             known: Values of the parameters and signals.
             random: Whether the starts were a random sample, which allows an estimate.
         """
@@ -149,7 +149,7 @@ class _Lanes:
         return answers, self.found.add(answers)
 
     def point(self, answers: LaneAnswers, lane: int) -> Array:
-        """Return the point of the space that represents an answer."""
+        """Return the point of the search space that stands for the answer of a lane."""
         decided = answers.starts[:, lane]
         start = started(self.found.solver.problem, self._state, decided)
         return self._space.encoded(answers.controls[:, :, lane], start)
@@ -169,7 +169,7 @@ class Members(_Lanes):
         return self.found.solves
 
     def account(self) -> Lanes:
-        """Return the account of the lanes."""
+        """Return the results of the lanes."""
         return self.found.account(self._state, self._task.known, random=False)
 
     def __call__(self, members: Array) -> Improved:
@@ -208,12 +208,12 @@ class RandomStarts(_Lanes):
         return self.found.each
 
     def account(self) -> Lanes:
-        """Return the account of the lanes."""
+        """Return the results of the lanes."""
         return self.found.account(self._state, self._task.known, random=True)
 
     @property
     def ended(self) -> bool:
-        """True if hardly an optimum is left unseen."""
+        """True if the upper estimate of the unseen share is below its limit."""
         counts = [one.count for one in self.found.optima]
         return unseen_share(counts).most < self._settings.unseen
 
@@ -257,8 +257,9 @@ class RandomStarts(_Lanes):
 class PolishStarts:
     """NLP solver from random points, one after another.
 
-    An answer need not be a member of a family of trajectories. For a family the best
-    start is kept instead; from it the planner's own polish reaches the same answer.
+    If the search space is a family of trajectories, an answer need not be a member of
+    it. So the best start is kept instead; from it the planner's own polish reaches the
+    same answer.
     """
 
     def __init__(
@@ -284,7 +285,7 @@ class PolishStarts:
 
     @property
     def each(self) -> float:
-        """Cost of a start, in evaluations; at most one before the first start."""
+        """Mean cost of a start, in evaluations; one before the first start."""
         return max(self._evaluations / self._solves, 1.0) if self._solves else 1.0
 
     def account(self) -> None:

@@ -3,22 +3,24 @@
     cold       the NLP solver from zero controls, from the middle of the bounds and from
                the user's guess
     lanes      local solves from these, from smooth random controls and from states
-               that reach a fixed end; the distinct optima are counted. If they
-               disagree, from variations of these optima, too (start_lanes.py)
+               that reach a fixed end; the distinct optima are counted. If cold
+               starts and lanes disagree, also from variations of these optima
+               (start_lanes.py)
     search     the population search
     polish     the NLP solver from the best three optima of the lanes, from the search's
                points, and from states that lead straight to a fixed end; without optima
                of lanes, from more states that reach it
-    again      the NLP solver once more from the best answer with its own settings, if
-               it had been kept near its start, so that it can leave a saddle point
+    again      the NLP solver once more from the best answer, if its settings had kept
+               it near the start: now with default settings, so that it can leave a
+               saddle point
 
-If cold starts and lanes agree, a search that is to decide has nothing to decide, and
-is left out, and of the lanes' optima the best is polished. They agree if all cold
-starts lead to the cheapest optimum of the lanes, and hardly an optimum is unseen.
+Cold starts and lanes agree if all cold starts lead to the cheapest optimum of the
+lanes, and hardly any optimum is unseen. Then a search with `when="undecided"` is left
+out, and of the lanes' optima only the best is polished.
 
 The answer is never worse than the result of any single start. Of answers that agree to
 1e-6, the one from the first kind of start is taken. Features that lanes do not support
-(blocks, stiff models) are left to the NLP solver, and the account says so.
+(blocks, stiff models) are left to the NLP solver, and the report on the starts says so.
 """
 
 from collections import Counter
@@ -82,7 +84,7 @@ class Answered:
         polished: The answer.
         evaluations: Evaluations of the NLP solver.
         account: Results of all starts.
-        is_searched: Whether there was a search by roll-outs that are reliable.
+        is_searched: Whether a search ran whose roll-outs were reliable.
     """
 
     polished: Polished
@@ -160,7 +162,7 @@ class ManyStarts:
             guess: The user's guess, if there is one.
             search: Function that runs the search and returns its points, the best
                 first; None without a search.
-            x0: Initial state of the core, shape (nx,).
+            x0: Initial state of the rewritten problem (core), shape (nx,).
             known: Values of the parameters and signals.
             rng: Source of all randomness.
             may_agree: Whether the search is left out if cold starts and lanes agree.
@@ -338,7 +340,7 @@ class _Tries:
     Attributes:
         answers: Its answers.
         tried: Account of each answer.
-        is_searched: Whether there was a search by roll-outs that are reliable.
+        is_searched: Whether a search ran whose roll-outs were reliable.
         agree: Whether cold starts and lanes agree, so that less is tried.
     """
 
@@ -450,8 +452,8 @@ class _Tries:
 def agree(cold: Sequence[Tried], lanes: Lanes | None) -> bool:
     """Return whether cold starts lead to the cheapest optimum of the lanes.
 
-    All feasible results must, and there must be at least one. The lanes must also have
-    seen nearly all optima that such starts end in.
+    All feasible results must do so, and there must be at least one. The lanes must also
+    have seen nearly all optima that such starts end in.
 
     Args:
         cold: Results of the cold starts.

@@ -67,10 +67,10 @@ Index = NDArray[np.intp]
 def side_by_side(
     problem: OptimalControlProblem, starts: Sequence[Start], x0: Array
 ) -> tuple[Array, Array]:
-    """Return controls (nu, N, n) and decisions about the start (ny, n) of starts.
+    """Return the controls (nu, N, n) and initial decisions (ny, n) of n starts.
 
     Args:
-        problem: A core.
+        problem: A rewritten problem (core).
         starts: Starts, at least one.
         x0: Initial state for starts without one of their own, shape (nx,).
     """

@@ -213,9 +213,9 @@ class SearchSettings:
             only if "needed". With "needed" and a polish, the search runs if the polish
             from the earlier plan fails or the problem has jumped (docs/answers.md,
             "Closed loop: one warm polish a step"). "undecided" is like "needed", and
-            leaves out the search for a first plan, too, if cold starts and lanes agree
-            (docs/answers.md, "Many starts").
-            Without a polish every plan is searched.
+            leaves out the search for a first plan, too, if the polish from default
+            controls and the lanes agree (docs/answers.md, "Many starts"). Without a
+            polish every plan is searched.
 
     Raises:
         InvalidProblemError: If a value is out of its range.

@@ -10,8 +10,8 @@ A variation begins at states between intervals, with gaps that the solver closes
 
 The k-th cheapest optimum is varied with weight 1 / k. A round of variations follows as
 long as the one before found a cheaper optimum. On six vehicles that change places (ten
-seeds) variations end within 1e-3 of the best optimum known 7 times, as many iterations
-from fresh random starts 2 times, and three times as many 2 times.
+seeds) variations end within 1e-3 of the best optimum known 7 times, the same number of
+iterations from fresh random starts 2 times, and three times that number also 2 times.
 
 Source: Lourenco, Martin and Stuetzle (2003), Iterated local search; Eiben and Smith
 (2015), Introduction to evolutionary computing, one-point crossover.
@@ -63,7 +63,7 @@ class Solved:
     """Answers that lanes found from the starts of one problem.
 
     Attributes:
-        x0: Initial state of the core, shape (nx,).
+        x0: Initial state of the rewritten problem (core), shape (nx,).
         known: Values of the parameters and signals.
         answers: Those from random starts, then those from variations.
         random: Number of the answers from random starts.
@@ -117,7 +117,7 @@ class StartLanes:
 
         Args:
             starts: Further starts, at least one.
-            x0: Initial state of the core, shape (nx,).
+            x0: Initial state of the rewritten problem (core), shape (nx,).
             known: Values of the parameters and signals.
             n: Number of random starts.
             rng: Source of all randomness.
@@ -154,7 +154,7 @@ class StartLanes:
         )  # fmt: skip
 
     def varied(self, solved: Solved, n: int, rng: np.random.Generator) -> Solved:
-        """Return answers with those of variations, in rounds that get cheaper.
+        """Return the answers and those of variations, in rounds while costs fall.
 
         Args:
             solved: Answers from random starts.
@@ -194,7 +194,7 @@ class StartLanes:
         ]
 
     def account(self, solved: Solved) -> Lanes:
-        """Return the account of lanes."""
+        """Return the results of the lanes."""
         answers = solved.answers
         at = solved.x0, solved.known
         optima = self._solver.optima(answers, *at)

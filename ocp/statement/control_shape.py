@@ -6,10 +6,10 @@ Within an interval controls are held, or linear between knots:
     linear      u(t) = q_k + (v_k - q_k) (t - t_k) / dt,   q_k+1 = v_k
     continuous  like linear, except that q_0 is given: the control before the horizon
 
-v_k, k = 0 ... N - 1, are the controls of the core and keep their bounds. The knot q_k
-at the start of an interval is a state, which the end of the interval sets to v_k. u(t)
-is a state with the rate (v_k - q_k) / dt; all expressions use it in place of the
-control.
+v_k, k = 0 ... N - 1, are the controls of the core, the problem after all rewrites, and
+keep their bounds. The knot q_k at the start of an interval is a state, which the end of
+the interval sets to v_k. u(t) is a state with the rate (v_k - q_k) / dt; all
+expressions use it in place of the control.
 
 Move blocking: the intervals of a block share one control.
 
@@ -46,7 +46,7 @@ Index = NDArray[np.intp]
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Knots:
-    """States of a core that make its controls linear.
+    """States of a rewritten problem (core) that make its controls linear.
 
     Attributes:
         now: The control at the present time, shape (nu, 1).
@@ -58,7 +58,7 @@ class Knots:
 
     @property
     def states(self) -> ca.SX:
-        """Both states, one after the other, shape (2 nu, 1)."""
+        """The states `now` and `first`, one after the other, shape (2 nu, 1)."""
         return ca.vertcat(self.now, self.first)
 
     def rates(self, controls: ca.SX, dt: float) -> ca.SX:

@@ -167,7 +167,8 @@ def integer_numbers(
     Args:
         given: Numbers or names of controls.
         names: Names of all controls.
-        limits: Lower and upper bounds of all controls, each (nu,), by their role.
+        limits: Lower and upper bounds of all controls, each (nu,), or None, by name of
+            the bounds for messages.
 
     Raises:
         InvalidProblemError: If there is no such control, or its bounds are not whole
@@ -264,7 +265,7 @@ def sum_up_rounded(
 def neighbours(
     controls: Array, integer: Sequence[int], limits: tuple[Array, Array]
 ) -> Array:
-    """Return the controls that differ by one unit, or by one moved unit; (k, nu, N)."""
+    """Return controls that differ by a unit, or by a unit moved in time, (k, nu, N)."""
     found = []
     for j in integer:
         for k in range(controls.shape[1]):

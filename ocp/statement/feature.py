@@ -1,4 +1,8 @@
-"""Feature: a part of a statement that a rewrite removes; see rewrites/rewrite.py."""
+"""Features: parts of a problem that are given as objects, such as a transport delay.
+
+Before the solution, a rewrite turns the problem into one without the feature
+(`rewrites/rewrite.py`).
+"""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -40,7 +44,7 @@ class Feature:
 
 
 def features_given(given: object) -> tuple[Feature, ...]:
-    """Return the features of a statement, checked.
+    """Return the features given for a problem, checked.
 
     Raises:
         InvalidProblemError: If `features` is not a list of features.

@@ -36,7 +36,7 @@ def zero_controls(problem: OptimalControlProblem) -> Array:
 
 
 def cold_controls(problem: OptimalControlProblem) -> list[Array]:
-    """Return the controls to start from if nothing is known: zero, then the middle."""
+    """Return the controls to start from without a guess: zero, middle of the bounds."""
     zero, middle = zero_controls(problem), middle_controls(problem)
     return [zero] if np.array_equal(zero, middle) else [zero, middle]
 

@@ -67,7 +67,7 @@ class Phases:
 
     @checked(refused, x0=reals())
     def start(self, x0: ArrayLike) -> Array:
-        """Return the initial state of the joined problem from one of the first phase.
+        """Return the joined problem's initial state from a state of the first phase.
 
         Args:
             x0: State at the start of the first phase, shape (nx of that phase,).

@@ -198,8 +198,8 @@ class OptimalControlProblem(Expressed):
             relative to its scale, at which an answer is confirmed.
         risk: Costs of the members of an ensemble, made by `ensemble`; None: not an
             ensemble.
-        features: Further parts of the statement, such as a `TransportDelay`, in the
-            order in which they apply.
+        features: Further parts of the problem, such as a `TransportDelay`, in the order
+            in which they apply.
         epigraph: Smooth form of a terminal cost with kinks, for an NLP; made
             internally.
 
@@ -524,7 +524,7 @@ class OptimalControlProblem(Expressed):
     def costs(self) -> tuple[float, Costs]:
         """Return (unit, costs / unit), where the unit is a power of two.
 
-        Costs that differ by a power of two differ in the unit only.
+        Costs that differ by a factor that is a power of two differ in the unit only.
         """
         given = Costs(
             self.stage_cost, self.step_cost, self.initial_cost, self.terminal_cost
@@ -596,7 +596,8 @@ class OptimalControlProblem(Expressed):
         """Label of each control of each interval, shape (nu, N).
 
         Controls that must be equal have the same label: those of a block, and those of
-        the members of an ensemble until these are known apart.
+        all members of an ensemble in the intervals in which the members share their
+        controls.
         """
         shared = 0
         if self.risk is not None and self.risk.robust_horizon is not None:

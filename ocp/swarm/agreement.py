@@ -4,9 +4,9 @@ Rules, which say when a vehicle commits to a candidate:
 
     acknowledged  when all others that may still propose have accepted it (`rule.py`):
                   safe with any delays
-    waiting       if nothing in its way is heard until it parts from the old plan: safe
-                  if each message arrives before that
-    hearsay       at once, if it is clear of what was heard last: not safe
+    waiting       when the candidate parts from the old plan, if nothing in its way was
+                  heard until then: safe if each message arrives before that
+    hearsay       at once, if the candidate is clear of what was heard last: not safe
 
 Other modules find the plans, and follow them.
 """

@@ -1,9 +1,9 @@
 """Certificate of a swarm's flight: all that a proof of it needs, as text.
 
 It has the samples and bulges of every plan that was proposed, when it was proposed,
-committed to or withdrawn, and when each other vehicle accepted it. The command
-`python -m swarmstart.terminal_set.check FILE` proves from it that no two vehicles came
-too near, and that the rule was kept, without code of this room.
+committed to or withdrawn, and when each other vehicle accepted it. The command `python
+-m swarmstart.terminal_set.check FILE` proves from it that no two vehicles came too
+near, and that the rule was kept, without code of `ocp/swarm`.
 """
 
 from __future__ import annotations

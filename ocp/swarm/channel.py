@@ -20,7 +20,7 @@ LONGEST_WAY = 16
 
 
 class Channel(NamedTuple):
-    """Messages on their way: those of the last ticks, in rings.
+    """Messages on their way: those of the last ticks, in ring buffers.
 
     Attributes:
         committed: [t, i]: plan that i is committed to in its message of tick t.
@@ -104,7 +104,7 @@ def deliver(tick: int, members: Members, channel: Channel) -> None:
 def receive(
     j: int, i: int, sent: int, message: Count, members: Members, channel: Channel
 ) -> None:
-    """Let vehicle j hear i's message of a tick that is still in the rings.
+    """Let vehicle j hear i's message of a tick that is still in the ring buffers.
 
     `message` is a buffer for its contents, shape (3,).
     """

@@ -1,20 +1,21 @@
 """Team of vehicles of any model that never collide, by committed plans.
 
 Each vehicle follows a plan that it has committed to, and that ends in a certified set.
-It plans anew from the state that this plan leads to one lead later, sees the plans that
-it knows of the others, and proposes a plan that is cheaper than to go on; the rule of
-`rule.py` decides when it commits to it. So delays and losses cost time only.
+It plans anew from the state that this plan reaches after the lead, some steps later. It
+sees the plans that it knows of the others, and proposes a plan that is cheaper than its
+committed one; the rule of `rule.py` decides when it commits to the proposal. So delays
+and losses of messages cost time only.
 
 The planning problem of a vehicle has these signals, each of k rows of a position:
 
     its reference, if it has one
     the committed plans that it knows of the others, in the order of their numbers
-    their candidates; their committed plans if it knows of none
-    one row: what to keep from others in addition to the least distance
+    the candidates of the others; for one without a known candidate, its committed plan
+    one row: the distance to keep from others in addition to the least distance
 
 The rule proves more than the problem demands: it also looks between the nodes. If a
 plan comes too near to others by some part of the distance, the vehicle plans again with
-so much distance in addition.
+that distance in addition.
 
 A plan that ends in the set of its goal is the last one of its vehicle. Constraints
 other than the distances hold as the planner checks them, up to a plan's end.
@@ -175,9 +176,9 @@ class CommittedTeam(Called):
         Raises:
             InvalidProblemError: If there is not one set for each vehicle, a vehicle
                 watches another or shows no position, its problem has a feature that
-                committed plans do not support, signals or a time in its dynamics, or
-                too few signals for the plans of the others, a silent vehicle is
-                unknown, or two goals are too near.
+                committed plans do not support, its dynamics depend on signals or time,
+                its problem has too few signals for the plans of the others, a silent
+                vehicle is unknown, or two goals are too near.
             UncertifiedSetError: As in `DualMode`.
         """
         n = len(team.agents)
@@ -551,10 +552,11 @@ def _parameters(loop: RecedingHorizon) -> Array:
 
 
 def begin_as(plan: int, committed: int, lead: int, plans: Plans) -> None:
-    """Copy samples and bulges of a committed plan into another until they part.
+    """Copy samples and bulges of a committed plan into a new one, until they part.
 
-    If the other plan is in its rest by then, its sample is the centre of a ball that
-    contains the vehicle; the next bulge grows by the distance from that centre.
+    If the committed plan has ended by then and the vehicle stays near its end, the
+    sample is the centre of a ball that contains the vehicle; the next bulge grows by
+    the distance from that centre.
 
     Args:
         plan: Row of the plan, which is written.

@@ -136,10 +136,10 @@ class SwarmController:
         Args:
             swarm: The swarm, with the bounds of the real vehicles.
             links: Links between the vehicles.
-            rule: As in `simulate_swarm`, like the next four.
+            rule: As in `simulate_swarm`, as are the next four arguments.
             step_s: Step of the grid of the plans [s].
             longest_s: Longest time of a plan [s].
-            tries: Number of flights that a search tries.
+            tries: Number of candidate flights to the goal that a search tries.
             lead_s: Time from a proposal to its parting from the committed plan [s].
             disturbance: Largest size of the disturbance along an axis [m/s^2].
 
@@ -171,7 +171,8 @@ class SwarmController:
         """Return the accelerations of all vehicles for the coming step.
 
         Args:
-            time: Time since the start [s]; not used, as decisions are counted.
+            time: Time since the start [s]; not used, since the number of decisions
+                gives the time.
             state: Measured state, shape (6 n,).
             previous: The decision one step ago; None at the start.
             rng: Source of all randomness, the same in all steps.

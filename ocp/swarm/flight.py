@@ -1,4 +1,4 @@
-"""Flight of a swarm: paths, arrivals, least distance, and all plans on the way."""
+"""Flight of a swarm: paths, arrivals, least distance, and all plans that were made."""
 
 from __future__ import annotations
 

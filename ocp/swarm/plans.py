@@ -7,10 +7,11 @@ of them; between two samples it keeps to the chord within its bulge b_k,
 
 A held acceleration a gives b = |a| h^2 / 8. The last sample is the centre of a ball,
 the plan's rest, in which it stays for ever: the vehicle hovers, loiters or is held by a
-terminal set. (The last bulge holds for the chord to the centre, then.)
+terminal set. (The chord of the last piece ends at this centre, and the piece's bulge is
+the distance from that chord.)
 
 Two plans are clear of each other from a step on if at each later time the chords, and
-at last the rests, are farther apart than the radius plus both bulges. Chords are
+at the end the rests, are farther apart than the radius plus both bulges. Chords are
 straight and run at constant speed, so the least distance of two is that of a segment
 from the origin. A plan with NaN is not clear of any other.
 

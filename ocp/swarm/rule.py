@@ -4,30 +4,35 @@ Vehicle i has a committed plan P_i and at most one candidate C_i. It broadcasts 
 and which candidates of others it accepts; messages may be late, lost, doubled, or out
 of order.
 
-    (a) i proposes C_i if it is clear of what it has heard from the others last.
-    (b) j accepts C_i if it is clear of P_j and C_j now. If C_j alone is in the way and
-        gives way, j withdraws it for good first.
-    (c) i commits to C_i (P_i := C_i) when every j has accepted it, or is known to have
-        committed to its last plan, of which C_i is clear; or it withdraws C_i for good.
-        It must have done so before C_i parts from P_i.
-    (d) A plan may be a vehicle's last: it proposes nothing once it has committed to it.
+    (a) i proposes C_i if C_i is clear of what i has heard last from the others.
+    (b) j accepts C_i if C_i is clear of P_j and C_j now. If C_j alone is in the way and
+        gives way, j withdraws C_j for good first.
+    (c) i commits to C_i (P_i := C_i) when each j either has accepted C_i, or is known
+        to have committed to its final plan (see d) and C_i is clear of that plan. Or i
+        withdraws C_i for good. It must have done one of the two before C_i parts from
+        P_i.
+    (d) A plan may be a vehicle's final one: the vehicle proposes nothing once it has
+        committed to that plan.
 
 Claim: committed plans are clear of each other at all times.
 
-Proof. Let i commit to C_i at t. If i has heard that j has committed to its last plan,
-that is P_j(t) by (d), and clear by (c). Otherwise j has accepted C_i at s <= t, and
-P_j(t) is one of three: P_j(s), or C_j(s) if j kept it; both are clear of C_i by (b). Or
-j proposed it after s and committed to it by t. By (d) i had not committed to its last
-plan by then, since C_i was its candidate at t; so i accepted it at some s' in (s, t],
-while C_i, which j had accepted before, was a candidate of i: clear by (b) at i.
+Proof. Let i commit to C_i at t. If i has heard that j has committed to its final plan,
+that plan is P_j(t) by (d), and clear of C_i by (c). Otherwise j has accepted C_i at
+s <= t, and P_j(t) is one of three plans: P_j(s); or C_j(s), if j kept that candidate;
+both are clear of C_i by (b). Or, third, a plan that j proposed after s and committed to
+by t. When j committed to it, i had not committed to its final plan, by (d), since C_i
+was still its candidate at t. So j needed i's acceptance, which i gave at some s' in
+(s, t]. C_i was i's candidate then, since j had accepted it before, at s. By (b), P_j(t)
+is clear of C_i.
 
 So (a) and the messages heard decide how often vehicles agree, never whether they
 collide; the same holds for the order in which candidates give way, which may change at
-will. A vehicle may lose all but its committed plan and the number of its next
-candidate, since candidates may always be withdrawn, or be silent for ever: if it has
-not committed to its last plan, the others then keep what they have. A vehicle that
-leaves is clear of all. What is needed: all vehicles are known, they agree on the time,
-no number of a candidate is used twice, and a message is what its sender sent.
+will. A vehicle may forget all but its committed plan and the number of its next
+candidate, since candidates may always be withdrawn. It may also fall silent for ever;
+unless it has committed to its final plan, the others then keep their committed plans.
+The plan of a vehicle that leaves counts as clear of every plan (`GONE` in plans.py).
+What is needed: all vehicles are known, they agree on the time, no number of a candidate
+is used twice, and a message is what its sender sent.
 
 Source of the parts: Tordesillas and How (2022), MADER, IEEE Transactions on Robotics
 38, and Kondo et al. (2023), Robust MADER, ICRA (checks against committed plans and

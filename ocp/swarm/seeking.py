@@ -119,7 +119,8 @@ def fly(
 
     Args:
         plan: Row of the plan.
-        parts: Wait, via point, speed there, its place, shape (PARTS,).
+        parts: Normal numbers for the wait, the three axes of the via point, the speed
+            there, and its place along the way, shape (PARTS,).
         task: Task of the search.
         most: A flight that cannot be cheaper is not written.
         body: Bounds of the point mass, and the grid of its plans.

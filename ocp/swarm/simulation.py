@@ -1,6 +1,7 @@
 """Simulation of a swarm: vehicles that follow their plans exactly, and the links.
 
-The same vehicles behind a `Plant`, also a disturbed one: controller.py.
+In controller.py the same vehicles run in a closed loop with a `Plant`, which may be
+disturbed.
 """
 
 from __future__ import annotations
@@ -128,7 +129,7 @@ def simulate_swarm(  # noqa: PLR0913 - the swarm, its links, and how it is simul
         seconds: Longest time of the flight [s].
         step_s: Step of the grid of the plans [s].
         longest_s: Longest time of a plan [s].
-        tries: Number of flights that a search tries.
+        tries: Number of candidate flights to the goal that a search tries.
         lead_s: Time from a proposal to its parting from the committed plan [s]; None: a
             round trip to all others over the links.
         rng: Random number generator of delays, losses and searches.

@@ -75,12 +75,12 @@ def _set(thing: object, **values: object) -> None:
 @checked(refused, radius=a_number(above=0), path=reals(), times=reals())
 @dataclass(frozen=True, init=False, slots=True, eq=False)
 class Obstacle:
-    """Ball that stands, or moves on a known path.
+    """Ball at rest, or moving on a known path.
 
     Attributes:
         radius: Radius of the ball [m].
         path: Positions of its centre, shape (k, 3), between which it moves at constant
-            speed; it stands before the first and after the last [m].
+            speed; it rests before the first and after the last [m].
         times: Times of the positions, rising, shape (k,) [s].
 
     Raises:
@@ -152,9 +152,9 @@ class Swarm:
         distance: Least scaled distance of two vehicles [m].
         scale: Factors of the three axes in all distances, shape (3,).
         acceleration: Largest acceleration along each axis, shape (3,) [m/s^2].
-        speed: Largest speed along each axis, shape (3,) [m/s]; 0: plans keep the
-            coordinate.
-        obstacles: Balls from which a vehicle keeps half the distance, scaled.
+        speed: Largest speed along each axis, shape (3,) [m/s]; 0: plans do not change
+            the coordinate.
+        obstacles: Balls from which a vehicle keeps half of `distance`, scaled.
         turn_rate: Largest turn rate of vehicles that move in the plane, in the
             direction of their heading (unicycles) [rad/s]; the bounds of the first axis
             then hold for the sizes of acceleration and velocity. Infinite for point

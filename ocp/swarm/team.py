@@ -1,9 +1,10 @@
 """Flight of a swarm to its goals, by a rule of committed plans.
 
 Each vehicle looks for a whole flight to its goal that is clear of what it has heard
-(`seeking.py`), proposes it, and follows it when the rule lets it commit to it. Until
-then it stays in place. If it finds none twice, it may look for a place nearby, or on
-its way, that is in no other's way; so two that stand on each other's goals can part.
+(`seeking.py`), proposes that flight, and follows it once the rule lets the vehicle
+commit to it. Until then it stays in place. A vehicle that finds no flight two times may
+look for a place nearby, or on its way, in which it blocks no other; so two vehicles
+that stand on each other's goals can part.
 """
 
 from __future__ import annotations
@@ -272,7 +273,9 @@ def lead_steps(n: int, links: Links, hops: int) -> int:
 
 @kernel
 def branch(plan: int, committed: int, when: tuple[int, int], plans: Plans) -> bool:
-    """Begin a plan with the committed one; return whether that rests when they part.
+    """Begin a plan with the committed one, up to the step at which they part.
+
+    Return whether the committed plan is at rest by then.
 
     Args:
         plan: Row of the new plan.

@@ -17,7 +17,7 @@ positions C x stay for ever in a ball about C c,
 Where the path is computed step by step, the tube of a step is its chord, widened by the
 sum of two distances. The first is the largest distance from the chord at m + 1 points
 of the integrator. The second is for the path between these points: (dt / m)^2 / 8 times
-twice the largest second derivative at them.
+twice the largest second derivative at these points.
 
 A plant that differs from the model is led back to the states x_k and controls u_k of
 the path by u = u_k - K_k (x - x_k). The gains are those of the Riccati recursion, which
@@ -65,7 +65,7 @@ class Rest:
 
 @dataclass(kw_only=True, slots=True, eq=False)
 class Path:
-    """Path along a plan and its rest; it is extended when needed.
+    """Path along a plan, then by the linear law; it is extended when needed.
 
     Attributes:
         first: Step of the first state.
@@ -74,7 +74,8 @@ class Path:
         controls: Controls between them, each (nu,).
         gains: Gains K on the deviation from the state at the beginning of each step,
             each (nu, nx).
-        bulges: Distances from the chords between them [m].
+        bulges: Largest distances of the path from the chords between successive states
+            [m].
         rest: End of the plan.
     """
 
@@ -150,7 +151,7 @@ class Body:
         return float(np.sqrt(level * self._reach) * (1.0 + ROUNDING))
 
     def rest_of(self, state: Array) -> Rest:
-        """Return the rest of a plan that ends in a given state.
+        """Return the rest, in which a plan with this last state ends.
 
         Raises:
             NoRestError: If the state is in no certified set.
@@ -285,7 +286,7 @@ def joined(before: Path, made: Path, step: int) -> Path:
     Args:
         before: The path that is followed until `made` begins; it has all states up to
             there.
-        made: The path that is followed then.
+        made: The path that is followed afterwards.
         step: First step of the result.
     """
     kept = slice(step - before.first, made.first - before.first)

@@ -36,7 +36,8 @@ and b as the last one:
 where each r_jk is computed from the remainder of a_k. An expression cannot choose a
 pivot by its size, and a zero pivot may occur in any order; here only a singular block
 divides by zero. Treating b as a column makes the method as accurate as Householder's;
-CasADi's `solve` for SX forms Q'b instead, and loses the square of the condition number.
+CasADi's `solve` for SX forms Q'b instead, and loses accuracy with the square of the
+condition number.
 
 Source: Bjorck (1967), Solving linear least squares problems by Gram-Schmidt
 orthogonalization, BIT 7, 1-21.
@@ -162,7 +163,7 @@ class Elimination(Expressed):
         """Return a copy with all expressions rewritten.
 
         Args:
-            change: Maps an expression to its new form.
+            change: Function that maps an expression to its new form.
             number: Number of the ensemble member that the copy is for; the copy then
                 has its own algebraic variables. None: it keeps the same variables.
         """

@@ -6,8 +6,8 @@
 
     back               A = df/dx, B = df/du, C = dg/dx, D = dg/du at a point
 
-A user who gives a system has imported python-control already; this module imports it
-only then, since it takes a second.
+A user who gives a system has imported python-control already; this module imports
+python-control only when a system is given, since that takes a second.
 """
 
 from __future__ import annotations

@@ -5,9 +5,9 @@
 
 x: states (nx,), u: controls (nu,), p: parameters (np,), constant over a horizon, s:
 signals (ns,), known over time and linear between the nodes, t: time [s]. A
-discrete-time model has an update only: `next_state`. A model with both jumps from
-interval to interval: a state that remembers the last control, a rocket stage that is
-dropped.
+discrete-time model has an update only: `next_state`. A model with an ode and an update
+jumps at the ends of intervals: a state that remembers the last control, a rocket stage
+that is dropped.
 """
 
 from __future__ import annotations
@@ -101,9 +101,9 @@ class Model(Expressed):
         time: Symbol of the time [s], shape (1, 1); left out if nothing depends on it.
         state_names: A name for each state; if empty, those of the symbols.
         control_names: A name for each control; if empty, those of the symbols.
-        outputs: Quantities to look at by name, such as {"height": x[1]}: expressions of
-            the same symbols as the ode. Solutions, runs, records and figures have their
-            values; `linearised` has them as the outputs.
+        outputs: Quantities of interest by name, such as {"height": x[1]}: expressions
+            of the same symbols as the ode. Solutions, runs, records and figures have
+            their values; `linearised` has them as the outputs.
         units: Units of states, controls, outputs, parameters and signals by name, such
             as {"height": "m"}: solutions, records and figures show them, and
             `unit_conflicts` compares them. A name may be left out.
@@ -115,8 +115,8 @@ class Model(Expressed):
             "txup"; if empty, the arguments are recognised by their names, else by their
             number.
         symbol_map: The MX symbols and their SX symbols; extended by the model.
-        elimination: The algebraic variables as expressions; made by the model. Only the
-            core of a problem is given the one of its stated model.
+        elimination: The algebraic variables as expressions; made by the model. Only a
+            rewritten problem (core) is given that of its stated model.
 
     Raises:
         InvalidProblemError: If shapes do not match, a symbol is expected but an

@@ -1,23 +1,26 @@
-"""Derivatives in intervals, and bounds of a function on the cells of a ball by them.
+"""Derivatives in interval arithmetic, and bounds on the cells of a ball from them.
 
 A direction is u = w / |w| with w on a face of the cube [-1, 1]^n, and a point of the
 ball is z = rho w / |w|. So 2n boxes of (rho, w), the cells, cover the ball exactly.
 Needed of a cell are its size and the maximum of a linear function on it.
 
-With e = T z, about a point m of a cell, with d the distances z - m in it,
+Let c be a function of e = T z with a constant matrix T, m a point of a cell (in z), and
+d = z - m for the points z of the cell. Then
 
     c <= c(m) + sup g'd + sup d'Hd/2 + sup |D^3 c [d, d, d]| / 6,
 
-with g and H at m, and the third derivatives over the whole cell. On a cell with a kink
-only the first derivatives may be used (`smoothness.py`):
+with g and H the gradient and the Hessian at m, and the third derivatives over the whole
+cell. On a cell with a kink only the first derivatives may be used (`smoothness.py`):
 
     c <= c(m) + sup g'd,
 
-with g over the whole cell. On a cell with a cut there is no bound.
+with g over the whole cell. On a cell in which the function may jump, as atan2 does at
+its branch cut, there is no bound.
 
-All are evaluated in intervals in the coordinates e, in which linear parts of a model
-are constants, and then transformed by T as numbers. Intervals of transformed
-expressions would be many times wider, since intervals do not cancel.
+All derivatives are evaluated in interval arithmetic in the coordinates e, in which
+those of a model's linear parts are constants; T is then applied to the numbers that
+result. Intervals of transformed expressions would be many times wider, since intervals
+do not cancel.
 
 Source: Neumaier (1990), Interval Methods for Systems of Equations; Makino and Berz
 (2003), Taylor models and other validated functional inclusion methods.

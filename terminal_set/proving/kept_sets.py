@@ -99,7 +99,11 @@ def _code() -> tuple[str, ...]:
 
 
 def keep(key: str, proven: TerminalSet, rng: np.random.Generator) -> None:
-    """Keep the outcome of a proof, unless time ended it or the reference drifts.
+    """Store the outcome of a finished proof in the cache.
+
+    Nothing is stored without a certificate, if a limit of seconds stopped the proof, if
+    the rounded reference does not rest exactly (`Certificate.drift` is not 0), or if
+    `rng` is not like that of `numpy.random.default_rng`.
 
     Args:
         key: From `key_of_set`, before the proof.

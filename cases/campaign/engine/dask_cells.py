@@ -1,8 +1,8 @@
-"""Cells done by the workers of a Dask cluster, whose results are sent back.
+"""Run cells, the independent units of a campaign, on the workers of a Dask cluster.
 
-The scheduler distributes cells; if a worker dies, its cells go to other workers.
-Results and files of a cell come back as data, so no disk is shared. The extra `dask`
-installs the packages.
+The scheduler distributes cells; if a worker dies, its cells go to other workers. The
+workers send the results and the files of a cell back as data, so no disk is shared. The
+extra `dask` installs the packages.
 """
 
 from __future__ import annotations

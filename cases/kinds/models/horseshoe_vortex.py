@@ -248,7 +248,8 @@ def increments(aircraft: Aircraft, y_ft: Scalar, z_ft: Scalar) -> Increments[Sca
 def derivatives(aircraft: Aircraft, y_ft: Scalar, z_ft: Scalar) -> Derivatives[Scalar]:
     """Return the derivatives of the increments at a position, in closed form.
 
-    With s as at the head, and A = y - bp/2, B = y + bp/2,
+    With s, G, bp and h as in the module's docstring, and A = y - bp/2, B = y + bp/2,
+    the derivatives of W/V and S/V, here written W and S, are
 
         dW/dy = G/(2 pi bp) [2 y/s(y, z) - (y - bp)/s(y - bp, z)
                              - (y + bp)/s(y + bp, z)]
@@ -260,7 +261,8 @@ def derivatives(aircraft: Aircraft, y_ft: Scalar, z_ft: Scalar) -> Derivatives[S
 
     Args:
         aircraft: Geometry and flight condition of leader and wingman.
-        y_ft: Lateral distance [ft]; (5.20) is linear about the slot, y = pi b/4.
+        y_ft: Lateral distance [ft]; the chapter's linear model (5.20) has the
+            derivatives at the slot, y = pi b/4.
         z_ft: Height of the wingman above the leader [ft]. At zero C_Lz = C_Dz = 0.
     """
     G, M = aircraft.circulation_ft, aircraft.squared_core_ft2

@@ -1,4 +1,4 @@
-"""Result of a reconfiguration in a sentence, and what its pages draw around it."""
+"""The sentence on a reconfiguration's result, and the slots that its pages draw."""
 
 from collections.abc import Mapping
 from typing import Any

@@ -12,7 +12,7 @@ from swarmstart.ocp import SwarmController, swarm_model
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class PosedSwarm(Posed):
-    """A swarm, whose controller has no agents that plan by optimal control."""
+    """A swarm in closed loop: `controller` plans for all vehicles, no `agents`."""
 
     controller: SwarmController
 

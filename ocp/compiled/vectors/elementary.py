@@ -19,10 +19,10 @@ measures it:
     fmod                    0         0
 
 Some arguments are out of range of these methods: angles above 2^30 (2^12 in single
-precision), powers whose base is not positive and normal or whose result is out of
-range (a positive power of 0 is computed here), and quotients in fmod above 2^51 (2^22).
-If a block of individuals has one, the C library is called for it, lane by lane. All
-functions that are not listed above are called in the C library.
+precision), powers whose base is not positive and normal or whose result is out of range
+(a positive power of 0 is computed here), and quotients in fmod above 2^51 (2^22). If a
+block of individuals has such an argument, the C library is called for the block, lane
+by lane. All functions that are not listed above are called in the C library.
 
 Source: W. Cody and W. Waite, Software manual for the elementary functions (1980), range
 reduction; coefficients in coefficients.py. The rest is in exponentials.py.
@@ -105,7 +105,10 @@ def exp_of_sum(ir: VectorIR, x: str, rest: str | None) -> str:
 def reduced_exponent(
     ir: VectorIR, x: str, limits: tuple[float, float]
 ) -> tuple[str, str]:
-    """Return r and k with x = k ln 2 + r, |r| <= ln 2 / 2, of x within limits."""
+    """Return r and the whole number k with x = k ln 2 + r and |r| <= ln 2 / 2.
+
+    x is clipped to the limits first.
+    """
     for condition, limit in zip(("olt", "ogt"), limits, strict=True):
         bound = ir.constant(limit)
         x = ir.select(ir.compare(condition, x, bound), bound, x)

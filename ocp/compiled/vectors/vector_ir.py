@@ -1,4 +1,4 @@
-"""Lines of LLVM IR on vectors of numbers, one lane an individual, and loops over them.
+"""Lines of LLVM IR on vectors, whose lanes each hold one individual, and loops.
 
 A value is the name of a register or the text of a constant; a mask is a vector of bits.
 The formats are the two of IEEE 754 that kernels compute in. Nothing is reordered or
@@ -64,7 +64,7 @@ WEIGHTS = '!0 = !{!"branch_weights", i32 1, i32 100000}'
 
 
 class Function(NamedTuple):
-    """A function of vectors, made beside the kernel.
+    """A function of vectors, written once into the kernel's module and called there.
 
     Attributes:
         text: LLVM IR of the function.
@@ -83,7 +83,7 @@ class Module:
         has_scale: Whether the processor multiplies by powers of two in one instruction
             (AVX-512's vscalef).
         declarations: Declarations of functions from elsewhere.
-        functions: The functions made beside the kernel, by name.
+        functions: The functions of vectors that the kernel calls, by name.
     """
 
     has_scale: bool = False
@@ -270,7 +270,7 @@ class VectorIR:
     def beside(
         self, name: str, make: Callable[..., Sequence[str]], *arguments: str
     ) -> list[str]:
-        """Call a function of vectors that is written once beside this one.
+        """Call a function of vectors that is written once in the same module.
 
         Args:
             name: Name of the function in the module.

@@ -1,7 +1,8 @@
 """The answer of `lower_bound`: a number, its kind and its evidence.
 
-The evidence is the facts that a proven bound rests on: polynomials, sets, slacks of the
-proofs. All coordinates are those of a `Statement`: y = (t, x), x in its sizes.
+The evidence consists of the facts that a proven bound rests on: polynomials, sets,
+slacks of the proofs. All coordinates are those of a `Statement`: y = (t, x), each state
+divided by its size.
 
 A step is a polynomial V for which it was proven, on the set S that the steps before it
 leave, that
@@ -14,14 +15,14 @@ less than V(0, x0) - slack T - end_slack, and to reach (t, x) costs at least
 V(0, x0) - V(t, x) - slack t.
 
 S begins as the tube, the bounds of the states and the path constraints. A pruning
-shrinks it. It has a step C without end_slack and a step G with it; by these, a
+shrinks S. It consists of a step C without end_slack and a step G with one. By these, a
 trajectory through (t, x) costs at least
 
     C(0, x0) - C(t, x) + G(t, x) - (slack of C) t - (slack of G)(T - t) - end_slack of G
 
-If that exceeds the known cost, no cheaper trajectory passes through (t, x). So the
-bound is min(known, V(0, x0) - slack T - end_slack) of the last step. The bound is valid
-for any number `known`, even if it is not the cost of an answer.
+If this number exceeds the known cost, no cheaper trajectory passes through (t, x). So
+the bound is min(known, V(0, x0) - slack T - end_slack) of the last step. The bound is
+valid for any number `known`, even if it is not the cost of an answer.
 """
 
 from __future__ import annotations
@@ -132,7 +133,7 @@ class LowerBound:
 
         Returns:
             (cost - bound) / |cost|, or (bound - cost) / |cost| if the cost is
-            maximised; NaN if there is no bound; 0 if both are the same.
+            maximised; NaN if there is no bound; 0 if cost and bound are the same.
         """
         if not self.kind.is_bound:
             return float("nan")
@@ -186,7 +187,7 @@ class Step:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Pruning:
-    """Two steps that exclude points from the set; see the module's head.
+    """Two steps that exclude points from the set; see the module's docstring.
 
     Attributes:
         come: C, a step without end_slack.

@@ -13,7 +13,8 @@ the better one of two: d'f in intervals, and the mean-value form
                     + |d'f_x| misfit,
 
 with derivatives over the whole cell. Its overestimate falls with the square of the
-cell's size. Both take f as weighted sums of terms, some of which may cancel in d'f:
+cell's size. Both bounds take f as weighted sums of terms, some of which may cancel in
+d'f:
 
     f_i(y) = sum over j of A_ij w_j(y)
 
@@ -90,7 +91,7 @@ class Motion:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Cells:
-    """N parts of moving faces; see the module's head.
+    """N parts of moving faces; see the module's docstring.
 
     Attributes:
         times: t_a and t_b.
@@ -98,7 +99,7 @@ class Cells:
         frames: W, shape (N, n, n).
         levels: s at t_a and at t_b, shape (2, N).
         lower: Lower ends of z_j, j > 0, shape (N, n - 1).
-        upper: Upper ends.
+        upper: Upper ends of z_j, same shape.
         misfit: Bound of |e_i|.
     """
 

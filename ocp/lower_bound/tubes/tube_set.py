@@ -38,7 +38,7 @@ def outside(tube: Tube, lower: Array, upper: Array) -> Mask:
     Args:
         tube: The tube.
         lower: Lower corners, shape (1 + n, m).
-        upper: Upper corners.
+        upper: Upper corners, same shape.
 
     Returns:
         Mask, shape (m,); False for boxes with a NaN.

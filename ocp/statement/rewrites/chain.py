@@ -5,7 +5,7 @@
 
 In the core all decisions besides the controls are states with a free start, which
 search, NLP and verification can handle. The states of the stated problem come first and
-keep their names and units; a rewrite may count them from another number than zero.
+keep their names and units; a rewrite may subtract a number from them (counted_from.py).
 """
 
 from collections.abc import Mapping, Sequence
@@ -66,7 +66,7 @@ class _Link:
 
         Args:
             x0: Initial state of the core.
-            controls: Controls of the core, shape (nu, N).
+            controls: Controls of the rewritten problem (core), shape (nu, N).
             at: Times, in intervals since the start, shape (n,).
 
         Returns:
@@ -77,7 +77,7 @@ class _Link:
 
 @dataclass(frozen=True, eq=False)
 class Lowered:
-    """A stated problem with its core.
+    """A stated problem with its core, the problem after all rewrites.
 
     Attributes:
         stated: The problem as the user stated it.
@@ -94,20 +94,20 @@ class Lowered:
 
     @cached_property
     def origin(self) -> Array:
-        """The number that each state of the core is counted from, shape (nx,)."""
+        """The number that is subtracted from each state of the core, shape (nx,)."""
         found = np.zeros(self.core.model.nx)
         for link in self.links:
             found[: link.before.model.nx] += link.rewrite.origin(link.before)
         return found
 
     def as_stated(self, states: Array) -> Array:
-        """Return states of the core, counted as the problem states them.
+        """Return states of the core as stated, with the subtracted numbers added again.
 
         Args:
             states: Shape (nx,) or (nx, n).
 
         Returns:
-            The same shape; the states themselves if they are counted from zero.
+            The same shape; the states themselves if nothing is subtracted.
         """
         if not self.origin.any():
             return states
@@ -202,8 +202,8 @@ class Lowered:
 
         Args:
             x0: Initial state of the core; copied.
-            guesses: Guesses by the name of the core's state, counted as the problem
-                states it; other names are ignored.
+            guesses: Guesses by the name of the core's state, as the problem states it,
+                with nothing subtracted; other names are ignored.
         """
         state, names = x0.copy(), self.core.model.state_names
         for one in self.core.free_starts:
@@ -239,7 +239,7 @@ class Lowered:
         """Return controls as the problem states them: held ones, or knots.
 
         Args:
-            controls: Controls of the core, shape (nu, N).
+            controls: Controls of the rewritten problem (core), shape (nu, N).
             x0: Initial state of the core.
 
         Returns:
@@ -253,7 +253,7 @@ class Lowered:
         """Return the controls that the model's equations receive; None: the same ones.
 
         Args:
-            controls: Controls of the core, shape (nu, N).
+            controls: Controls of the rewritten problem (core), shape (nu, N).
             x0: Initial state of the core.
 
         Returns:
@@ -270,11 +270,12 @@ class Lowered:
 
         Args:
             x0: Initial state of the core.
-            controls: Controls of the core, shape (nu, N).
+            controls: Controls of the rewritten problem (core), shape (nu, N).
             at: Times, in intervals since the start, shape (n,).
 
         Returns:
-            Shape (the core's nx - nx, n); decisions and accrued costs keep their start.
+            Shape (the core's nx - nx, n); decisions and accrued costs keep their
+            initial values.
         """
         rows = [link.along(x0, controls, at) for link in self.links]
         return np.vstack([np.empty((0, at.size)), *rows])
@@ -285,7 +286,7 @@ class Lowered:
         Args:
             states: States of the stated problem, shape (nx, nodes), with or without
                 those that the core adds.
-            controls: Controls of the core, shape (nu, N).
+            controls: Controls of the rewritten problem (core), shape (nu, N).
             x0: Initial state of the core.
         """
         given = np.asarray(states, dtype=np.float64)

@@ -161,8 +161,9 @@ def controls_before(
     Args:
         problem: The problem.
         previous: Controls of the last interval, shape (nu,), or of several, the last
-            one last, shape (nu, k): of fewer than `count` the first one is repeated, of
-            more the earlier ones are ignored. None: the allowed value nearest to zero.
+            one last, shape (nu, k): if these are fewer than `count`, the first one is
+            repeated; if more, the earlier ones are ignored. None: the allowed value
+            nearest to zero.
         count: Number of intervals, at least 1.
 
     Raises:

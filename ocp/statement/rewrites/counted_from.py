@@ -1,10 +1,11 @@
-"""States counted from a number near them: z = x - c for a state x far from zero.
+"""States with a number near them subtracted: z = x - c for a state x far from zero.
 
     z' = f(z + c, u, p),   z+ = g(z + c, u, p) - c,   z(0) = x(0) - c
 
-A double has sixteen digits. A state of 1e9 times its natural size is known to 2e-7 of
-it, and IPOPT's tolerance of 1e-8 is never reached; z has all of its digits. So c must
-cancel where the problem subtracts a number r near it. Every value is kept in parts
+A double has sixteen digits. A state of 1e9 times its natural size is rounded to 2e-7 of
+that size, so IPOPT's tolerance of 1e-8 is never reached; z keeps all of its digits. So
+c must cancel where the problem subtracts a number r near it. Every value is kept in
+parts
 
     a + (b + k),   a with states and controls, b of parameters, signals and time only,
                    k a number
@@ -51,11 +52,12 @@ _STEP = 64
 
 @dataclass(frozen=True, slots=True)
 class CountedFrom(Rewrite):
-    """Numbers from which the solvers count states, instead of from zero.
+    """Numbers that the solvers subtract from states that are far from zero.
 
-    `solve` does it by itself for a start more than 1e7 natural sizes away from zero. A
-    `Planner` is made before it has a start, so state it for a closed loop. All states
-    that you give and get are counted as the problem counts them.
+    `solve` subtracts such numbers by itself if a start is more than 1e7 natural sizes
+    away from zero. A `Planner` is made before it has a start, so state the numbers for
+    a closed loop. The states that you give and get are those of the problem, with
+    nothing subtracted.
 
     Attributes:
         numbers: A number near the values of each state, by its name.
@@ -101,7 +103,7 @@ class CountedFrom(Rewrite):
 
         Raises:
             InvalidProblemError: If it is unknown, or the problem joins phases, or
-                states share a decided start and are counted from different numbers.
+                states share a decided start and have different numbers.
         """
         names = problem.model.state_names
         if wrong := [name for name in self.numbers if name not in names]:
@@ -124,16 +126,16 @@ class CountedFrom(Rewrite):
                 )
 
     def accepts(self, problem: OptimalControlProblem) -> bool:
-        """Return whether a state is counted from another number than zero."""
+        """Return whether a number other than zero is subtracted from a state."""
         return bool(self.origin(problem).any())
 
     def origin(self, problem: OptimalControlProblem) -> Array:
-        """Return the number that each state is counted from, shape (nx,)."""
+        """Return the number that is subtracted from each state, shape (nx,)."""
         names = problem.model.state_names
         return np.array([float(self.numbers.get(name, 0.0)) for name in names])
 
     def apply(self, problem: OptimalControlProblem) -> OptimalControlProblem:
-        """Return the problem with the differences in the states' places."""
+        """Return the problem with the differences z in place of the states x."""
         shift = _Shift(problem, self.origin(problem))
         lower, upper = problem.state_limits
         model = problem.model
@@ -167,7 +169,7 @@ class CountedFrom(Rewrite):
 def from_near(
     problem: OptimalControlProblem, x0: Array, sizes: Array
 ) -> OptimalControlProblem:
-    """Return a problem whose states far from zero are counted from near x0.
+    """Return a problem in which numbers near x0 are subtracted from large states.
 
     A problem without such states is returned unchanged, and so is one that has a
     `CountedFrom`.
@@ -206,7 +208,7 @@ def from_zero(problem: OptimalControlProblem) -> OptimalControlProblem:
 
 
 class _Parts(NamedTuple):
-    """A value a + (b + k); see the module's head."""
+    """A value a + (b + k); see the module's docstring."""
 
     a: ca.SX
     b: ca.SX

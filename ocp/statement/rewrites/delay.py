@@ -40,8 +40,8 @@ _ROUNDING = 1e-9
 class TransportDelay(Rewrite):
     """Delays with which controls reach the equations of a model.
 
-    The controls before the start are those of `Known(previous=...)`: one column is
-    taken for all intervals before, several are the last ones, the last one last.
+    The controls before the start are those of `Known(previous=...)`: one column stands
+    for all intervals before; several stand for the latest ones, in the order of time.
 
     Attributes:
         seconds: Delay of each control, by its name [s]: a whole number of the
@@ -91,7 +91,7 @@ class TransportDelay(Rewrite):
                 )
 
     def of_members(self, names: Mapping[str, Sequence[str]]) -> "TransportDelay":
-        """Return the same delays of all members' controls."""
+        """Return the same delays for the controls of all members of an ensemble."""
         return TransportDelay(
             {
                 own: delay
@@ -146,7 +146,7 @@ class TransportDelay(Rewrite):
     def start(
         self, problem: OptimalControlProblem, x0: Array, previous: ArrayLike | None
     ) -> Array:
-        """Return the values of each control before the horizon, the last one first."""
+        """Return each control's values before the horizon, the latest first."""
         del x0
         counts = self._intervals(problem)
         before = controls_before(problem, previous, max(n for _, n in counts))
@@ -155,7 +155,7 @@ class TransportDelay(Rewrite):
     def along(
         self, problem: OptimalControlProblem, start: Array, controls: Array, at: Array
     ) -> Array:
-        """Return the controls of the intervals before."""
+        """Return the states w_i in the intervals numbered `at`: the controls before."""
         found, place, rows = self._sent(problem, start, controls), at.astype(int), []
         for (_, count), sent in zip(self._intervals(problem), found, strict=True):
             rows += [sent[count - i + place] for i in range(1, count + 1)]
@@ -164,7 +164,7 @@ class TransportDelay(Rewrite):
     def acting(
         self, problem: OptimalControlProblem, start: Array, controls: Array
     ) -> Array:
-        """Return the controls that the model receives in each interval."""
+        """Return the controls that reach the model in each interval, shape (nu, N)."""
         N = controls.shape[1]
         return np.array([sent[:N] for sent in self._sent(problem, start, controls)])
 

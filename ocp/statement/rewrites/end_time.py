@@ -1,6 +1,6 @@
 """Free end time T: a decided parameter; rates and stage cost are multiplied by T.
 
-The horizon is 1 then. Source: the time transformation t = T tau of any text on direct
+The new horizon is 1. Source: the time transformation t = T tau of any text on direct
 methods, such as Betts (2010), Practical Methods for Optimal Control, 4.
 """
 
@@ -24,12 +24,12 @@ GIVEN_LENGTH = "length given with the plan"
 
 
 class Length(NamedTuple):
-    """Length of a horizon, and the parameter that a free one adds to the problem.
+    """Length of a horizon, and the problem's parameters, to which a free one adds one.
 
     Attributes:
         seconds: The length [s], an expression.
-        parameters: The model's parameters.
-        decided: The decided parameters.
+        parameters: The model's parameters, that for a free length included.
+        decided: The decided parameters by name, that for a free length included.
     """
 
     seconds: ca.SX

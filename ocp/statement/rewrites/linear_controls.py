@@ -80,7 +80,7 @@ class LinearControls(Rewrite):
     def start(
         self, problem: OptimalControlProblem, x0: Array, previous: ArrayLike | None
     ) -> Array:
-        """Return the first knots, twice; for those that are decided, a guess in bounds.
+        """Return the first knots, for both states; a guess in bounds for decided knots.
 
         Raises:
             InvalidProblemError: If given knots are not within the bounds.

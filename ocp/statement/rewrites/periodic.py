@@ -1,4 +1,4 @@
-"""Periodic states: a constant copy of the start, which both ends must equal."""
+"""Periodic states: constant copies of their start, which they must equal at the end."""
 
 from dataclasses import dataclass
 

@@ -44,6 +44,6 @@ class Previous(Rewrite):
     def along(
         self, problem: OptimalControlProblem, start: Array, controls: Array, at: Array
     ) -> Array:
-        """Return the controls of the intervals before."""
+        """Return the controls of the interval before each of the times `at`."""
         del problem
         return np.hstack([start[:, None], controls])[:, at.astype(int)]

@@ -1,18 +1,18 @@
 """Rewrite: a map from a problem to a simpler one, and the way back.
 
 A rewrite removes one feature of a problem. It may append states to the model, replace
-expressions, and count states from other numbers; it leaves the states that are there in
+expressions, and subtract numbers from states; it leaves the states that are there in
 their places. `chain.py` composes all rewrites; solvers know only the last problem, the
 core.
 
     accepts   does a problem have the feature?
     apply     problem -> problem without it
-    origin    the numbers that the states are counted from
+    origin    the numbers that are subtracted from the states
     start     the initial values of its states
     along     the values of its states over the horizon
     known     known parameters, signals and time -> those of the rewritten problem
     guess     controls as the problem states them -> those of the rewritten problem
-    controls  the way back
+    controls  controls of the rewritten problem -> those that the problem states
     acting    the controls that the model's equations receive
 
 A feature may also be part of a statement itself: `OptimalControlProblem(features=...)`.
@@ -57,7 +57,7 @@ class Rewrite(Feature, ABC):
         """
 
     def origin(self, problem: OptimalControlProblem) -> Array:
-        """Return the number that each state of a problem is counted from, (nx,)."""
+        """Return the number that is subtracted from each state of a problem, (nx,)."""
         return np.zeros(problem.model.nx)
 
     def start(
@@ -78,12 +78,12 @@ class Rewrite(Feature, ABC):
     def along(
         self, problem: OptimalControlProblem, start: Array, controls: Array, at: Array
     ) -> Array:
-        """Return the appended states over the horizon; here they keep their start.
+        """Return the appended states over the horizon; by default they stay constant.
 
         Args:
             problem: Problem before this rewrite.
             start: Their initial values, shape (k,).
-            controls: Controls of the core, shape (nu, N).
+            controls: Controls of the rewritten problem (core), shape (nu, N).
             at: Times, in intervals since the start, shape (n,).
 
         Returns:
@@ -121,7 +121,7 @@ class Rewrite(Feature, ABC):
 
         Args:
             start: Initial values of the appended states, shape (k,).
-            controls: Controls of the core, shape (nu, N).
+            controls: Controls of the rewritten problem (core), shape (nu, N).
         """
         del start
         return controls
@@ -134,7 +134,7 @@ class Rewrite(Feature, ABC):
         Args:
             problem: Problem before this rewrite.
             start: Initial values of the appended states, shape (k,).
-            controls: Controls of the core, shape (nu, N).
+            controls: Controls of the rewritten problem (core), shape (nu, N).
         """
         del problem, start
         return controls

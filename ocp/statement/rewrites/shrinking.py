@@ -1,6 +1,6 @@
 """Length of the horizon that is given with each plan: a state T that is constant.
 
-Rates and stage cost are multiplied by T, and the horizon is 1 then, as for a free end
+Rates and stage cost are multiplied by T, and the new horizon is 1, as for a free end
 time; but T is known when a plan is made. So a horizon that ends at a fixed time shrinks
 from plan to plan, and nothing is built again.
 """

@@ -147,7 +147,9 @@ def whole_scenario(scenario: ProblemScenario) -> ProblemScenario:
 
 
 def joined(scenario: ProblemScenario) -> tuple[Phases, list[Member]]:
-    """Return all phases as one problem, and the names of each phase.
+    """Return all phases joined to one problem, and the symbols of each phase.
+
+    The symbols of a phase are a `Member`, which finds them by name.
 
     Raises:
         InvalidProblemError: If a phase has a part that phases cannot have, or a state
