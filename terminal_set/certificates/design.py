@@ -13,12 +13,12 @@ A continuous design that is held may be unstable: the chapter's formation, held 
 the spectral radius 10.8 (`held_spectral_radius`), whatever P and alpha are.
 
 All levels here come from bounds on inputs and states alone. They do not show that e'Pe
-decreases under the nonlinear dynamics, nor do they cover states between two samples:
-that needs a certificate, which may lower alpha (`certification.py`).
+decreases under the nonlinear dynamics, nor do they cover states between two samples. A
+certificate shows both, and may lower alpha for this (`certification.py`).
 
 Source: the chapter, eq. (5.8)-(5.14); H. Chen and F. Allgoewer, A quasi-infinite
 horizon nonlinear model predictive control scheme with guaranteed stability, Automatica
-34 (1998), whose P is that of `continuous_terminal_set` with kappa.
+34 (1998): `continuous_terminal_set` with kappa has the P of this paper.
 """
 
 from __future__ import annotations
@@ -93,7 +93,8 @@ class ForeignCertificateError(SwarmstartError, ValueError):
     """A set was given the certificate of another set.
 
     Attributes:
-        name: Name of what differs; "alpha" if the set is larger than the certified one.
+        name: Name of the attribute that differs; "alpha" if the set is larger than the
+            certified one.
     """
 
     name: str
@@ -233,9 +234,8 @@ class TerminalSet:
         """Return the law du = -K e as a system of python-control without states.
 
         For a plant in deviations from the reference, the closed loop is
-        `control.feedback(plant, law, sign=1)`: the law contains its minus sign. The
-        loop transfer function, of which `control.margin` wants the opposite sign, is
-        -law * plant.
+        `control.feedback(plant, law, sign=1)`: the law contains its minus sign.
+        `control.margin` assumes negative feedback; its argument is -law * plant.
 
         Args:
             states: Names of the states, which are the inputs of the law; if empty, they

@@ -75,7 +75,7 @@ class Along:
         return Along(self.at.number(value, error), self.at.number(0.0), self.rho)
 
     def scaled(self, factor: Array | float, off: float = 0.0) -> Along:
-        """The value times a float known to within `off`, of each box if an array."""
+        """The value times a float known to within `off`; arrays hold one per box."""
         at, slope = self.at.scaled(factor, off), self.slope.scaled(factor, off)
         return Along(at, slope, self.rho)
 

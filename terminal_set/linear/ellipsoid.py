@@ -259,8 +259,8 @@ class Reference:
     """A reference state and input inside their bounds; arrays copied and read-only.
 
     Attributes:
-        x_ref: Reference state, shape (nx,), SI units; of a reference that moves, that
-            at time 0.
+        x_ref: Reference state, shape (nx,), SI units; its value at time 0 if the
+            reference moves.
         u_ref: Reference input, shape (nu,).
         u_lower: Lower bounds of the input, shape (nu,); -inf if missing.
         u_upper: Upper bounds of the input, shape (nu,); inf if missing.
@@ -319,12 +319,12 @@ class Reference:
 
     @property
     def u_max(self) -> Array:
-        """Room of each input around u_ref, the nearer bound, shape (nu,), > 0."""
+        """Distance of each input of u_ref from the nearer bound, shape (nu,), > 0."""
         return smaller_side("u_ref", self.u_ref, lower=self.u_lower, upper=self.u_upper)
 
     @property
     def e_max(self) -> Array:
-        """Room of each state around x_ref, the nearer bound, shape (nx,), > 0."""
+        """Distance of each state of x_ref from the nearer bound, shape (nx,), > 0."""
         nowhere = np.full(self.x_ref.shape, np.inf)
         lower = -nowhere if self.x_lower is None else self.x_lower
         upper = nowhere if self.x_upper is None else self.x_upper

@@ -160,7 +160,8 @@ def certified_terminal_set(
         weights: Q and R, per second, or per step for a held input; kappa.
         rng: Source of randomness of samples and of rays that look for counterexamples.
         dt: Time for which the input is held [s]; None for a continuous input.
-        options: Options of the proof; None means any decrease.
+        options: Options of the proof; None means `ProofOptions()`, for which any
+            decrease is enough.
 
     Returns:
         K, P, the largest level within the bounds that was proven, and the certificate.
@@ -209,7 +210,8 @@ def certify(
         rng: Source of randomness of samples and of rays that look for counterexamples.
         dt: Time for which the input is held [s], even if the design is continuous; None
             for a continuous input.
-        options: Options of the proof; None means any decrease.
+        options: Options of the proof; None means `ProofOptions()`, for which any
+            decrease is enough.
 
     Returns:
         The design with the proven level, dt and the certificate.

@@ -82,7 +82,8 @@ def prove_level(
         change: Change from `continuous_change` or `held_change`.
         alpha: Level of the ellipsoid, > 0.
         max_boxes: Largest number of boxes.
-        work: Budget, in units of the clock of work; outside of `working`, in seconds.
+        work: Budget [s]; in a `working` block (`machine_code/clocks.py`), in units of
+            work, each of about a second.
 
     Returns:
         The outcome. If it is not proven and has no counterexample, the level is open.
