@@ -37,7 +37,7 @@ class Pieces:
         knots: Times at which the pieces begin, and the end, shape (n + 1,) [s].
         coefficients: Coefficients of each piece, power and axis, shape (n, degree + 1,
             3). The constant comes first; time counts from the beginning of the piece.
-        error: Largest distance from a sample of the path [m].
+        error: Largest distance of the polynomials from a sample of the path [m].
     """
 
     knots: Array
@@ -87,7 +87,7 @@ def fitted(path: VehiclePath, degree: int, error: float, most: int) -> Pieces:
     Args:
         path: Path of the vehicle.
         degree: Degree of the polynomials.
-        error: Largest distance from the path's samples [m].
+        error: Largest allowed distance of the polynomials from the path's samples [m].
         most: Largest number of pieces.
 
     Raises:

@@ -164,7 +164,10 @@ class FmuPlant(Called):
         return np.array(after)
 
     def close(self) -> None:
-        """Unload the FMU and remove its folder. An unused plant does so by itself."""
+        """Unload the FMU and remove its unpacked folder.
+
+        Both also happen when the plant is no longer referenced.
+        """
         self._last, self._is_broken = None, False
         self._library.close()
 

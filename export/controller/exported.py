@@ -140,7 +140,8 @@ class CompiledController:
 
         Args:
             x: State, shape (nx,).
-            known: Known data of the core of the problem; None: those of the export.
+            known: Parameters and signals of the core, that is, of the problem after all
+                rewrites; None: those of the export.
         """
         one = self._made.posed
         known = one.known if known is None else known
