@@ -1,4 +1,4 @@
-"""Small panels over time, one a quantity: lines, held steps, and bounds."""
+"""Small panels over time, one for each quantity: lines, held steps, and bounds."""
 
 import textwrap
 from collections.abc import Mapping, Sequence

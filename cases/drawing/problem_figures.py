@@ -3,8 +3,9 @@
 The sheet of a closed-loop run shows states with the plans beneath them, the cost of
 each plan, controls with their bounds, and what planning took. The sheet of a problem
 that was solved once shows states, convergence of the search, controls, and the local
-optima that were found; without a search, or with one optimum, the phase plane of two
-states takes its place. The slack of constraints is drawn if there are any.
+optima that were found. Without a search, or with one optimum only, tracks or the phase
+plane of two states take the place of the missing part. The slack of constraints is
+drawn if there are any.
 
 For a single result, `plot()` draws states, controls and outputs, as notebooks show
 them.

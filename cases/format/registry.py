@@ -15,7 +15,7 @@ from swarmstart.heuristics import SearchEntry, installed_searches
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class KindWords:
-    """Words of a kind, which its folder states as WORDS.
+    """Texts about a kind, and the names of its rows; the WORDS of the kind's folder.
 
     Attributes:
         kind: "module:attribute" of its Kind.

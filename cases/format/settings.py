@@ -182,9 +182,10 @@ class SearchPart(Part):
             half, one individual or none.
         sampling: Method of drawing the rest of the first population; null means
             half_smooth.
-        when: Plans that are searched if there is a polish: all (always), or only those
-            for which the polish of the last plan is not enough (needed), or of these
-            not even the first plan if cold starts and lanes agree on it (undecided).
+        when: Plans that are searched if there is a polish: all of them (always); the
+            first, and those for which the polish of the last plan is not enough
+            (needed); or these without the first, if polishes from simple starts and
+            local solves from random starts agree on it (undecided).
     """
 
     name: str

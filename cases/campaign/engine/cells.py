@@ -69,8 +69,8 @@ class Cell:
         permissions: Further arguments of the work: permissions of the current command.
             They change no result, are in no key, and are not kept.
         rescue: "module:function" that is called instead if a hard limit
-            (`wall_limit.py`) has ended the work; if it is empty, the cell has failed
-            then.
+            (`wall_limit.py`) has ended the work; if it is empty, the cell then counts
+            as failed.
     """
 
     work: str
@@ -191,7 +191,8 @@ def carried_out(
         cells: The cells, done in this order; equal ones are done once.
         root: The folder of all cells; made if it is missing.
         workers: Number of worker processes of this machine.
-        told: Function that is called after each cell.
+        told: Function that is called at the beginning and after each cell, with the
+            number of finished cells, the number of all, and the label of the cell.
         engine: LOCAL, or the address of a scheduler of Dask, whose workers do the cells
             instead.
 
@@ -200,7 +201,7 @@ def carried_out(
         RecordError: If the folder cannot be written to.
         CodeChangedError: If the code was edited while cells were done.
         DaskError: If the cluster cannot be reached, is lost, or has other code.
-        KeyboardInterrupt: On Ctrl-C, with the number of kept cells.
+        KeyboardInterrupt: On Ctrl-C; the message has the number of finished cells.
     """
     keys = [cell.key for cell in cells]
     distinct = dict(zip(keys, cells, strict=True))

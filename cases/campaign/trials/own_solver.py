@@ -165,7 +165,7 @@ def _evaluator(
 
     Args:
         planner: Planner of the problem.
-        x0: Initial state of the core.
+        x0: Initial state of the core, that is, of the problem after all rewrites.
         known: Parameters and signals of the core.
         meter: Counter of the trial.
         budget: Budget of the solver.

@@ -20,16 +20,18 @@ A budget ends a peer by an exception from the objective: the last generation is 
 the budget's last evaluation.
 
 `control.optimal.solve_ocp` runs on the problem's own grid. python-control integrates
-continuous systems with inputs that are linear between its time points. So that it
-solves the very problem of the other solvers, with held controls, it is given the
-sampled system of the core (ocp/statement/rewrites/chain.py):
+continuous systems with inputs that are linear between its time points. So that
+python-control solves the very problem of the other solvers, with held controls, it is
+given the sampled system of the core, that is, of the problem after all rewrites
+(ocp/statement/rewrites/chain.py):
 
     (x, k)+ = (F(x, u), k + 1)     F integrates over interval k
     min sum L(x_k, u_k) + V(x_N)   L is the cost of interval k
     rows at the checks, limits of the controls, rows at the end
 
-and its default way for sampled systems: shooting with SciPy's SLSQP, whose derivatives
-are differences of whole simulations. An evaluation is one simulation of the horizon.
+It uses its default method for sampled systems: shooting with SciPy's SLSQP, whose
+derivatives are differences of whole simulations. An evaluation is one simulation of the
+horizon.
 """
 
 from __future__ import annotations
@@ -231,8 +233,8 @@ def solve_ocp(made: Built, trial: Trial, meter: Meter) -> bool:
         Whether the solver ended by itself, and not by the budget.
 
     Raises:
-        PeerError: If the problem decides more than controls, or the solver refuses an
-            option.
+        PeerError: If the problem has other unknowns than controls, or the solver
+            refuses an option.
     """
     import control
     import control.optimal

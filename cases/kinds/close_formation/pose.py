@@ -46,7 +46,7 @@ TIMING_S = 1e-9
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class PosedCloseFormation(Posed):
-    """A close formation.
+    """A close formation as planning problem and plant, with nothing compiled.
 
     Attributes:
         aircraft: Both aircraft.

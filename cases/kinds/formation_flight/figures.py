@@ -352,7 +352,7 @@ def _draw_distances(
 def terminal_set_figure(
     scenario: FormationScenario, flight: FormationFlight, shown: Shown
 ) -> "Figure":
-    """Return (d): e'Pe with the terminal set's level, and the UAVs' ways into it."""
+    """Return (d): e'Pe with the terminal set's level, and the UAVs' paths into it."""
     terminal_set = flight.posed.terminal_set
     figure = new_figure((11.0, 8.0))
     first, *planes = figure.subplots(2, 2).ravel()

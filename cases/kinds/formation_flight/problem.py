@@ -4,7 +4,8 @@ e = x - x_L - slot, (v, psi, x, y), slots in axes that do not turn (5.4);
 
     J = sum_k dt (e_k'Q e_k + u_k'R u_k) + e_N'P e_N                      (5.5)-(5.7)
 
-plus the distances to obstacles and to the UAVs that planned before it (5.15), (5.16).
+with the distances to obstacles and to the UAVs that planned before as constraints
+(5.15), (5.16).
 The sampled-data P belongs to this sum over the steps.
 
 A terminal set with which the linear law of the dual mode takes over is certified first:

@@ -2,8 +2,8 @@
 
 The gap of a plan is its cost J minus the lowest known one from the same state. That is
 the lowest of the flown plan and, polished by IPOPT, the basins of a long L-SHADE search
-and of random points. From the first state of the text's experiment one random start in
-seven finds the best minimum; from later states all do.
+and of random points. From the first state of the chapter's experiment one random start
+in seven finds the best minimum; from later states all random starts find it.
 """
 
 import itertools
