@@ -1,8 +1,8 @@
 """An FMU for co-simulation as a plant; FMPy calls it.
 
 The FMU keeps its state: a step accepts the state that was returned last, and no other.
-A run begins at the given state if the FMU lets its states be set before a run (initial
-"exact" or "approx"), or begins there by itself.
+A run can begin at a given state if the FMU lets its states be set before a run (initial
+"exact" or "approx"), or if the FMU begins at this state by itself.
 """
 
 from __future__ import annotations

@@ -155,7 +155,7 @@ class Correction:
         return np.array(self._after(x, u, np.concatenate([parameters, own]), rest))
 
     def known(self, known: Known, fit: Fit) -> Known:
-        """Return the known data of a problem, with the data of a fit added."""
+        """Return parameters and signals of a problem, with those of a fit added."""
         own = np.asarray(known.parameters, dtype=np.float64).ravel()
         return known._replace(
             parameters=np.concatenate([own, fit.parameters]), signals=fit.rest

@@ -380,10 +380,11 @@ def labels_of(
     units: Mapping[str, str] | None = None,
     vehicles: Sequence[str] = ("",),
 ) -> Labels:
-    """Return labels for figures of a problem, whose model is that of one vehicle.
+    """Return labels for figures of a problem.
 
     Args:
-        problem: The problem; its model has the names of the states and controls.
+        problem: The problem of one vehicle; its model has the names of the states and
+            controls.
         units: Unit by name; None means the model's units.
         vehicles: Name of each vehicle in the figures.
     """

@@ -395,7 +395,7 @@ class PlanningScenario(Scenario):
         ipopt: Options of IPOPT, used if `polish` is ipopt.
         basins: Number of further starting points for the polish: the best distinct
             basins that the search found, besides its best point.
-        lanes: Number of random starts that are solved at once, beside the search, if
+        lanes: Number of random starts that are solved at once, besides the search, if
             there is no earlier plan; needs a polish, and null means the default of the
             kind.
         backend: Evaluator of populations: llvm is machine code, casadi its virtual
@@ -507,7 +507,7 @@ def planning(scenario: Scenario) -> PlanningScenario:
     """Return a scenario whose plans are optimal-control problems.
 
     Raises:
-        TypeError: If the plans of the scenario are made in another way.
+        TypeError: If the plans of the scenario are no optimal-control problems.
     """
     if not isinstance(scenario, PlanningScenario):
         raise TypeError(

@@ -88,8 +88,8 @@ class CExport:
 class CompiledController:
     """A controller that calls the compiled C file; its memory is the C file's own.
 
-    `decide` begins anew if there is no previous decision, and uses the known data of
-    the export.
+    `decide` begins anew if there is no previous decision, and uses the parameters and
+    signals of the export.
 
     Attributes:
         dt: Length of a control interval [s].

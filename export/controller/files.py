@@ -90,8 +90,8 @@ def export_c(  # noqa: PLR0913 - what a file is made of, by name
     Args:
         controller: The controller of one vehicle. Its search makes the first plan, and
             is replaced by the seeded starts afterwards.
-        x0: Initial state, shape (nx,), SI units. The first plan begins there, and all
-            numbers are divided by sizes that belong to it.
+        x0: Initial state, shape (nx,), SI units. The first plan begins there, and the
+            sizes by which all numbers are divided are computed there.
         name: Name of the files and prefix of all public names in C.
         starts: Number of seeded starts; if 0, the header says that there are none.
         iterations: Largest number of steps of a local solve.

@@ -86,7 +86,7 @@ class Twin:
         return self._plan[:, 0].copy(), status
 
     def model(self, x: Array, u: Array) -> Array:
-        """Return the state after an interval, with the known data of the export."""
+        """Return the state after an interval, with parameters of the export."""
         here = np.concatenate([x, np.zeros(self._problem.model.nx - x.size)])
         return self._interval(here, u, self._one.known, 0)[0][: x.size]
 

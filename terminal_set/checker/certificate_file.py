@@ -68,8 +68,8 @@ class Certificate:
         alpha: Level: the set is V(e) <= alpha.
         core: Level within which the drift of a rounded reference may cancel the
             decrease.
-        drift: That drift, relative to the core's radius; in 1/s, or a fraction per hold
-            for a held input.
+        drift: Upper bound of that drift, relative to the core's radius sqrt(core); in
+            1/s, or a fraction per hold for a held input.
         dt: Time for which an input is held [s]; None if it is continuous.
         substeps: Number of Runge-Kutta steps in a hold; None for a continuous input.
         Q_m: Matrix of the margin: V decreases by at least e'Q_m e, shape (nx, nx).

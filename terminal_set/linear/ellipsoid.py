@@ -384,7 +384,8 @@ def input_excess(K: ArrayLike, P: ArrayLike, alpha: float, u_max: ArrayLike) -> 
         K: Gain, shape (nu, nx).
         P: Shape of the ellipsoid, (nx, nx), symmetric positive definite.
         alpha: Its level, > 0.
-        u_max: Room of each input around its reference, shape (nu,), > 0.
+        u_max: Room of each input around its reference (see `smaller_side`), shape
+            (nu,), > 0.
 
     Returns:
         max over the set of |K_i e| / u_max_i = sqrt(alpha K_i P^-1 K_i') / u_max_i,

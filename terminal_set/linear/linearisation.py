@@ -66,7 +66,7 @@ def linearise(
 
     Args:
         dynamics: f(x, u) -> xdot as a casadi.Function, SI units. Its value at the
-            reference need not be zero, see the head of this module.
+            reference need not be zero, see the module's docstring.
         x_ref: Reference state, shape (nx,).
         u_ref: Reference input, shape (nu,).
 

@@ -142,8 +142,8 @@ class ReferenceMotion:
     Attributes:
         entries: States that move although they should rest.
         rates: f(x_ref, u_ref) of them.
-        bound: Upper bounds of |f| there, rounding included; 0 for the states that are
-            declared to move, shape (nx,).
+        bound: Upper bounds of |f| at the reference, rounding included; 0 for the states
+            that have a stated velocity, shape (nx,).
     """
 
     def __init__(self, dynamics: ca.Function, reference: Reference) -> None:

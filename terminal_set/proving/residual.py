@@ -156,7 +156,7 @@ class Residual:
 
         Args:
             start: Beginning of the step.
-            times: First and last time from there [s].
+            times: First and last time, from the beginning of the step on [s].
 
         Returns:
             r4, columns; its slopes, matrices.
@@ -173,7 +173,7 @@ class Residual:
 
         Args:
             start: Beginning of the step.
-            times: First and last time from there [s].
+            times: First and last time, from the beginning of the step on [s].
             tube: The radius of the tube, in |z|.
 
         Returns:

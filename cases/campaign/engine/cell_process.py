@@ -1,7 +1,7 @@
 """A process that works on one cell after another, and is replaced when it dies.
 
 The process is connected by its standard input and output only. Thus a command can start
-it, or a worker of Dask, whose processes can have no children of `multiprocessing`.
+one, and so can a worker of Dask, a process that can have no `multiprocessing` children.
 Nothing is pickled.
 """
 

@@ -4,11 +4,11 @@ A cell is a piece of work that a few plain data determine: their hash is its key
 name of its folder. The file `cell.json` in it is written last and marks a complete
 cell. So the next call continues a campaign that was interrupted or killed.
 
-Each worker is a process with one BLAS thread, which is kept from cell to cell with the
-functions that it has built. If a worker dies, only its own cell is lost, and is tried
-once more. A failed cell is recorded with the reason, and the other cells are kept. If a
-cell failed because its process died, or because it took too long, the next campaign
-tries it again. Workers end together with the command.
+Each worker is a process with one BLAS thread. It does one cell after another, and keeps
+the functions that it has built. If a worker dies, only its own cell is lost, and is
+tried once more. A failed cell is recorded with the reason, and the other cells are
+kept. If a cell failed because its process died, or because it took too long, the next
+campaign tries it again. Workers end together with the command.
 
 Workers run on this machine, or on a cluster of Dask (`dask_cells.py`), which sends
 results back. The marks are written here in both cases.

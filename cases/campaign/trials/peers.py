@@ -6,11 +6,11 @@ minimises one number,
 
     cost + weight * violation,
 
-the static penalty: the weight is that of the scenario's order if that is a static
-penalty, else WORTH times the natural size of the cost, which does not depend on units.
-Values that are not finite count as LARGEST. Its best point is the best of all points
-that it has evaluated: feasible before infeasible, then by cost. So no peer has a
-disadvantage from its order of points.
+a static penalty. If the scenario's order is a static penalty, too, its weight is used;
+else the weight is WORTH times the natural size of the cost, so that the result does not
+depend on units. Values that are not finite count as LARGEST. The answer is the best of
+all points that the search has evaluated: feasible before infeasible, then by cost. So
+no peer has a disadvantage from its own order of points.
 
 SciPy and cmaes evaluate whole generations, which the compiled evaluator computes at
 once. pagmo evaluates point by point, with about ten microseconds of Python each:

@@ -153,7 +153,7 @@ def solvers_of(text: str) -> list[Solver]:
 
 
 def plugins() -> list[str]:
-    """Return the known NLP solvers that this CasADi has."""
+    """Return those NLP solvers of the list `_PLUGINS` that this CasADi has."""
     return [name for name in _PLUGINS if _is_plugin(name)]
 
 

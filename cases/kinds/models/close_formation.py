@@ -29,7 +29,7 @@ of y - ybar, a constant lift that h_Wc has to hold down, and + qS/m C_Dz z, whic
 zero, in place of - qS/m dC_D. In both, the last row is zeta' (printed xi') and psi_E,
 which the text leaves undefined, is as above.
 
-The wake is that of the F-16 class, rederived, and has not the numbers of the thesis.
+The wake is that of the F-16 class, rederived; its numbers are not those of the thesis.
 Its speed is that of the flight condition (`Aircraft.speed_ft_s`), not the chapter's 200
 ft/s, at which such an aircraft cannot fly level; V_W in qS/(m V_W) is the state.
 """

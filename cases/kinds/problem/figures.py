@@ -1,8 +1,8 @@
 """Figures of a problem in YAML or Python: those of any problem, with its own names.
 
-With uncertain parameters the plant is one system. Its figures are those of one member's
-problem, with plans as that member has them; one more figure shows the states of all
-members.
+With uncertain parameters the plant is one system. The figures are then those of the
+problem of one member, that is, of one set of their values, with the states of this
+member in each plan; one more figure shows the states of all members.
 """
 
 from collections.abc import Callable, Iterator
