@@ -1,17 +1,19 @@
 """The ellipsoid e'Pe <= alpha around a reference, and the level that its bounds allow.
 
-It is the terminal region Omega = {e : e'Pe <= alpha} (5.8). With P = LL',
-e = sqrt(alpha) L^-T d maps the unit ball of d onto it; its extent along axis j is
-sqrt(alpha (P^-1)_jj), and its shadow on a plane of two axes is the ellipse of the
-inverse of that block of P^-1.
+It is the terminal region Omega = {e : e'Pe <= alpha}, (5.8) of the chapter
+(docs/chapter). With P = LL', e = sqrt(alpha) L^-T d maps the unit ball of d onto the
+ellipsoid; its extent along axis j is sqrt(alpha (P^-1)_jj), and its shadow on a plane
+of two axes is the ellipse e'Se <= alpha of these two, with S the inverse of their block
+of P^-1.
 
 On the ellipsoid a row F_i e reaches at most sqrt(alpha F_i P^-1 F_i'). So the largest
 level that keeps the bounds |F_i e| <= g_i is
 
     alpha = min_i g_i^2 / (F_i P^-1 F_i').
 
-F = K and g = u_max is the input bound, (5.14) corrected; F = I and g = e_max the state
-bound. The ellipsoid is symmetric, so the nearer one of two unequal bounds counts.
+F = K and g = u_max is the input bound, the chapter's (5.14) corrected; F = I and
+g = e_max the state bound. The ellipsoid is symmetric, so the nearer one of two unequal
+bounds counts.
 
 Such a level keeps the bounds of inputs and states only. That e'Pe also decreases under
 the nonlinear dynamics is a further condition, which is not checked here.
@@ -332,7 +334,9 @@ class Reference:
 
 
 def level_from_inputs(K: ArrayLike, P: ArrayLike, u_max: ArrayLike) -> float:
-    """Compute the largest level that keeps |K e| <= u_max: (5.14), corrected.
+    """Compute the largest level that keeps |K e| <= u_max: the chapter's (5.14).
+
+    The formula is the corrected one; that of the chapter has P in place of P^-1.
 
     Args:
         K: Gain, shape (nu, nx).

@@ -6,11 +6,12 @@ Linear-quadratic regulators, with du = -K e:
     sampled     min sum e'Qe + du'R du      A'P(A - BK) - P + Q = 0,
                                             K = (R + B'PB)^-1 B'PA
 
-The chapter writes the feedback as u = K x (5.10), so its K is the negative of this one.
+The chapter (docs/chapter) writes the feedback as u = K x (5.10), so its K is the
+negative of this one.
 
 Lyapunov matrices, for which e'Pe decreases along a stable loop by exactly e'Qe:
 
-    continuous  F'P + PF = -Q      (5.12), corrected
+    continuous  F'P + PF = -Q      the chapter's (5.12), corrected
     sampled     F'PF - P = -Q
 
 Along e' = F e the function e'Pe changes at the rate e'(F'P + PF)e, so the first is the
@@ -230,7 +231,7 @@ def _is_small(residual: Array, size: float) -> bool:
 
 
 def continuous_lyapunov(F: ArrayLike, Q: ArrayLike) -> Array:
-    """Solve F'P + PF = -Q, the corrected form of (5.12).
+    """Solve F'P + PF = -Q, the corrected form of the chapter's (5.12).
 
     Args:
         F: Stable loop e' = F e, shape (nx, nx), 1/s.

@@ -221,7 +221,8 @@ def certify(
             bounds or that the dynamics depend on.
         HeldTooLongError: If the law is unstable with an input held for dt.
         TooFewSubstepsError: If the Runge-Kutta map of a hold is too far from the flow.
-        NotSmoothError: If the dynamics have no second derivatives at the reference.
+        NotSmoothError: If the dynamics jump at the reference, or their derivatives are
+            unbounded there; a kink, as that of fabs, is allowed.
         UnknownIntervalOperationError: If they have an operation without interval form.
         UnprovenSetError: If no level could be proven.
         NotPositiveError: If no bound limits the level.

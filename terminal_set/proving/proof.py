@@ -243,8 +243,8 @@ def refuted_level(
 
     Args:
         change: Change from `continuous_change` or `held_change`.
-        alpha_max: Largest level of the search, > 0; if the nearest counterexample is
-            much nearer, the search is repeated around it.
+        alpha_max: Largest level of the search, > 0; if a counterexample is much nearer,
+            the search is repeated up to about its level, with finer steps.
         rng: Source of the rays' directions.
 
     Returns:

@@ -353,8 +353,8 @@ class CountedObjective:
         """Return cost and violation of each point, shape (size,).
 
         Raises:
-            BudgetSpent: If an earlier call spent the budget, or if this call does, after
-                its points were evaluated and counted.
+            BudgetSpent: If an earlier call spent the budget, or if this call does; its
+                points are then evaluated and counted before.
         """
         if self.spent:  # The caller has gone on.
             raise BudgetSpent

@@ -228,7 +228,7 @@ def _entries(reference: Reference) -> tuple[tuple[str, tuple[float, ...]], ...]:
 
 
 def lyapunov_as_printed(F: ArrayLike, Q: ArrayLike) -> Array:
-    """Solve FP + PF' = -Q, (5.12) as printed.
+    """Solve FP + PF' = -Q, the chapter's (5.12) as printed.
 
     Args:
         F: Stable loop e' = F e, shape (nx, nx), 1/s.
@@ -245,7 +245,7 @@ def lyapunov_as_printed(F: ArrayLike, Q: ArrayLike) -> Array:
 
 
 def level_as_printed(K: ArrayLike, P: ArrayLike, u_max: ArrayLike) -> float:
-    """Compute the level of (5.14) as printed.
+    """Compute the level of the chapter's (5.14) as printed.
 
     Args:
         K: Gain, shape (nu, nx).

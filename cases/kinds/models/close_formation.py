@@ -1,4 +1,4 @@
-"""A wingman close behind its leader, in the leader's wake (5.20).
+"""A wingman close behind its leader, in the leader's wake: (5.20) of the chapter.
 
 States (x, y, psi_W, V_W, z, zeta): position of the leader seen from the wingman, x
 ahead and y to the right in the frame of the wingman's velocity [ft]; heading, positive
@@ -110,7 +110,7 @@ def close_formation(
     heading_from: HeadingFrom = "north",
     gusts: bool = False,
 ) -> Model:
-    """Return the model (5.20), nx = 6, nu = 3, np = 3 or, with gusts, 6.
+    """Return the model, the chapter's (5.20): nx = 6, nu = 3, np = 3 or, with gusts, 6.
 
     Args:
         wingman: The aircraft, its lags and its slot.

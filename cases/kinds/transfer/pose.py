@@ -1,7 +1,7 @@
 """A transfer scenario -> one optimal-control problem, its search, and a plant.
 
 minimise    the integral of R_1 a_i^2 + R_2 phi_i^2, summed over the UAVs
-subject to  (5.30) with the acceleration as a control, bounds on a, phi and v,
+subject to  the model `bank_to_turn` with controls a and phi, bounds on a, phi and v,
 the safe distance of every two UAVs at every check,
 each UAV in its goal at the end, with any speed and heading
 
