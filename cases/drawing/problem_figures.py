@@ -1,7 +1,7 @@
 """Figures of any problem: one sheet, and figures of what does not fit into it.
 
 The sheet of a closed-loop run shows states with the plans beneath them, the cost of
-each plan, controls with their bounds, and what planning took. The sheet of a problem
+each plan, controls with their bounds, and time of planning. The sheet of a problem
 that was solved once shows states, convergence of the search, controls, and the local
 optima that were found. Without a search, or with one optimum only, tracks or the phase
 plane of two states take the place of the missing part. The slack of constraints is

@@ -163,7 +163,7 @@ def read_document(name_or_path: str) -> Document:
     Raises:
         UnknownScenarioError: If it looks like a name, but no scenario has it.
         UnreadableFileError: If the file cannot be read.
-        YamlError: If its content is not the format.
+        YamlError: If its content is not in the scenario format.
     """
     known = by_name()
     if name_or_path in known:

@@ -127,7 +127,8 @@ class DecreaseTask:
         alpha: Level of the ellipsoid.
         T: Coordinates of each piece of time, shape (pieces, nx, nx).
         delta: Upper bounds of |T'PT - I|, below 1, shape (pieces,).
-        times: Ends of the pieces of time, shape (pieces + 1,); None if it is fixed.
+        times: Ends of the pieces of time, shape (pieces + 1,); None if the time is
+            fixed.
     """
 
     change: Change

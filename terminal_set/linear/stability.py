@@ -34,7 +34,7 @@ class TimeDomain:
 
     Attributes:
         name: "continuous" or "sampled".
-        measure: Name of the growth of a loop.
+        measure: Name of the growth of a loop, such as "spectral radius".
         growth: Function: eigenvalues -> growth of each.
         boundary: Growth of a mode that neither decays nor grows.
         limit: Growth below which a loop counts as stable.

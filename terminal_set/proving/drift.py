@@ -210,7 +210,7 @@ class ReferenceMotion:
 
 
 def exact_rates(dynamics: ca.Function, reference: Reference) -> list[Fraction | None]:
-    """Return f(x_ref, u_ref) in fractions; None for a rate that has none or takes long.
+    """Return f(x_ref, u_ref) as fractions; None for other rates, and for long ones.
 
     Intervals widen each result, and so cannot show that a reference is exactly at rest.
 

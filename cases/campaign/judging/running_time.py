@@ -149,7 +149,7 @@ def targets_between(best: float, worst: float, nearest: float) -> Array:
 
     Args:
         best: The best known cost.
-        worst: The highest first feasible cost of a run.
+        worst: The highest of the first feasible costs of the runs.
         nearest: The distance of the first target from `best`; above 0.
 
     Returns:

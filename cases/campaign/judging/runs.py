@@ -182,8 +182,8 @@ class Runs:
         outcomes: Outcomes of its cells, in their order.
         results: Results of its cells; empty if a run has failed.
         costs: Verified costs; infinite if infeasible, shape (runs,).
-        evaluations: Best costs over evaluations.
-        seconds: Best costs over seconds.
+        evaluations: Best cost of each run over its number of evaluations.
+        seconds: Best cost of each run over its wall time.
     """
 
     entry: Entry

@@ -244,7 +244,7 @@ def run(  # noqa: PLR0913 - the options of a command
         InvalidScenarioError: If the scenario can be read but not run.
         UnknownScenarioError: If no scenario has that name.
         UnreadableFileError: If its file cannot be read.
-        YamlError: If its file is not the format.
+        YamlError: If its file is not in the scenario format.
         OccupiedFolderError: If the folder holds anything but a record of this run.
         RecordError: If a file cannot be written.
         CodeNotAllowedError: If the scenario runs a file and `allow_code` is false.

@@ -1,12 +1,12 @@
 """The planning problem of one UAV of a formation flight, and its terminal set.
 
-e = x - x_L - slot, (v, psi, x, y), slots in axes that do not turn (5.4);
+With e = x - x_L - slot for x = (v, psi, x, y), in axes that do not turn (5.4),
 
-    J = sum_k dt (e_k'Q e_k + u_k'R u_k) + e_N'P e_N                      (5.5)-(5.7)
+    minimise  J = sum_k dt (e_k'Q e_k + u_k'R u_k) + e_N'P e_N            (5.5)-(5.7)
 
 with the distances to obstacles and to the UAVs that planned before as constraints
-(5.15), (5.16).
-The sampled-data P belongs to this sum over the steps.
+(5.15), (5.16). The sampled-data P belongs to this sum over the steps. Numbers such as
+(5.4) are equations of the chapter (docs/chapter).
 
 A terminal set with which the linear law of the dual mode takes over is certified first:
 its level is the largest one within the bounds for which the decrease is proven, for
@@ -21,8 +21,8 @@ The first is the Lyapunov equation of the transposed loop: the ellipsoid of its 
 need not be invariant for the loop itself. The two sides of the second do not conform;
 read as alpha K P K' they do, but P stands in the place of its inverse, and no input is
 bounded. `terminal_set.input_excess` returns the excess over the bounds. The correct
-formulas are in the heads of `matrix_equations.py` and `ellipsoid.py` in
-`terminal_set/linear`.
+formulas are in the docstrings of the modules `matrix_equations.py` and `ellipsoid.py`
+in `terminal_set/linear`.
 """
 
 from dataclasses import fields
@@ -175,7 +175,7 @@ def _control_limits(scenario: FormationScenario) -> tuple[Array, Array]:
 
 
 def terminal_set_of(scenario: FormationScenario, reference: Reference) -> TerminalSet:
-    """Return the terminal set of the dual mode, certified if its law takes over.
+    """Return the terminal set of the dual mode, certified if the scenario says so.
 
     Args:
         scenario: The scenario.

@@ -168,7 +168,9 @@ def _place(scenario: ProblemScenario, labels: Labels) -> Place | None:
 def of_one_member(
     trajectory: Trajectory, problem: OptimalControlProblem, every: OptimalControlProblem
 ) -> Trajectory:
-    """Return a run with the plans as the first member has them, without states.
+    """Return a run with the part of each plan that belongs to the first member.
+
+    The plans have no states, only the member's initial state.
 
     Args:
         trajectory: The run.

@@ -80,8 +80,8 @@ class Step:
     """A polynomial V(t, x) and the slacks of its inequalities (`tasks.py`).
 
     Attributes:
-        middle: Middle of the box it is scaled to, 1 + n numbers.
-        half: Half the widths of that box, above 0.
+        middle: Middle of the box of (t, x) that is scaled to [-1, 1], 1 + n numbers.
+        half: Half the widths of that box, above 0, 1 + n numbers.
         exponents: A tuple of 1 + n whole numbers for each coefficient.
         coefficients: Coefficients of the products of Chebyshev polynomials.
         slack: Slack of the inequality over the set, >= 0.
