@@ -87,7 +87,7 @@ def prove_flow_error(
         alpha: Level of the ellipsoid, > 0.
         enough: A bound c that is tight enough, > 0.
         useless: A bound that is too large to be useful: above it, the proof stops.
-        until: Reading of the clock of work at which the proof stops.
+        until: Value of `now()` (machine_code/clocks.py) at which the proof stops.
     """
     search = ErrorSearch(residual, alpha, until)
     with np.errstate(all="ignore"):

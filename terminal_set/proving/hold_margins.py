@@ -217,10 +217,10 @@ def provable_hold(
     Args:
         motion: The motion.
         change: c of its map, without the margins of integrator and drift.
-        bounds: Levels of the bounds.
+        bounds: Levels up to which inputs and states keep their bounds, and the drift.
         rng: Source of randomness of samples and rays.
-        until: Reading of the clock of work at which proofs of the integrator's error
-            stop.
+        until: Value of `now()` (machine_code/clocks.py) at which proofs of the
+            integrator's error stop.
 
     Raises:
         UnprovenSetError: If no level can be proven.

@@ -143,7 +143,7 @@ class Limits:
 
     Attributes:
         max_boxes: Largest number of boxes.
-        until: Reading of the clock of work at which it stops.
+        until: Value of `now()` (machine_code/clocks.py) at which a search stops.
     """
 
     max_boxes: int

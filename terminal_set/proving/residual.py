@@ -66,7 +66,8 @@ class Residual:
         substeps: Number of steps n.
         h: Length of a step [s].
         T: Matrix T of e = T z, shape (nx, nx).
-        off: A bound of |T'PT - I| and |S T - I|, with S the inverse of T, by rounding.
+        off: A bound of the rounding errors |T'PT - I| and |S T - I|, with S the
+            computed inverse of T.
     """
 
     def __init__(

@@ -181,7 +181,7 @@ def _evolve(task: PeerTask, name: str, **options: Any) -> None:
 
 
 def cmaes_ipop(task: PeerTask) -> None:
-    """Run `cmaes.CMA`, from the middle of the box, restarted with twice its size.
+    """Run `cmaes.CMA` from the middle of the box; each restart doubles the population.
 
     The box is scaled to [0, 1]; later starts are drawn from it (IPOP).
     """

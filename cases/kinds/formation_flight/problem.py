@@ -115,7 +115,7 @@ def planning_problem(
 
 
 def slot_states(scenario: FormationScenario, number: int, times: Array) -> Array:
-    """Return the slot of a UAV, moving with the leader, shape (4, n).
+    """Return the states of a UAV's slot, which moves with the leader, shape (4, n).
 
     Args:
         scenario: The scenario; its leader keeps speed and heading.

@@ -26,10 +26,11 @@ A turn rate limit is that of the autopilot: it saturates (psi_Wc - psi_W)/tau_ps
 
 The variant "corrected" is the above. "literal" is (5.20) as printed, linear: y in place
 of y - ybar, a constant lift that h_Wc has to hold down, and + qS/m C_Dz z, which is
-zero, in place of - qS/m dC_D. In both, the last row is zeta' (printed xi') and psi_E,
-which the text leaves undefined, is as above.
+zero, in place of - qS/m dC_D. In both variants the last row is zeta' (printed xi'), and
+psi_E, which the chapter leaves undefined, is as above.
 
-The wake is that of the F-16 class, rederived; its numbers are not those of the thesis.
+The wake is that of the F-16 class, rederived; its numbers are not those of the thesis
+that the chapter cites.
 Its speed is that of the flight condition (`Aircraft.speed_ft_s`), not the chapter's 200
 ft/s, at which such an aircraft cannot fly level; V_W in qS/(m V_W) is the state.
 """
