@@ -1,1 +1,1 @@
-"""Scenarios, the command line, records and figures: the rooms a user meets first."""
+"""Scenarios, the command line, records and figures: the folders a user meets first."""

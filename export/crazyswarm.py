@@ -24,7 +24,7 @@ def crazyswarm_text(path: VehiclePath, *, error: float = 0.005, **limits: float)
 
     Args:
         path: Path of the vehicle.
-        error: Largest distance of the polynomials from the path's samples [m].
+        error: Largest allowed distance of the polynomials from the path's samples [m].
         **limits: Largest speed [m/s] and acceleration [m/s^2] of the polynomials.
 
     Raises:

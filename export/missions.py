@@ -1,8 +1,8 @@
 """Missions for autopilots: waypoints on the earth, without times.
 
-`.plan` is the JSON of QGroundControl, the other one the text "QGC WPL 110", which
+There are two formats: `.plan` is JSON of QGroundControl; "QGC WPL 110" is text that
 ArduPilot and PX4 read. Heights count from the origin. A mission is a path and no
-trajectory: the autopilot decides how fast it goes.
+trajectory: the autopilot decides how fast the vehicle goes.
 """
 
 from __future__ import annotations

@@ -78,7 +78,7 @@ class Origin:
     Attributes:
         latitude: Latitude of its origin [deg].
         longitude: Longitude of its origin [deg].
-        altitude: Height of its origin above the ellipsoid [m].
+        altitude: Height of its origin above the reference ellipsoid of the earth [m].
         heading: Direction of its x axis, clockwise from north; y is to the left of x
             [deg].
 

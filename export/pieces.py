@@ -87,7 +87,7 @@ def fitted(path: VehiclePath, degree: int, error: float, most: int) -> Pieces:
     Args:
         path: Path of the vehicle.
         degree: Degree of the polynomials.
-        error: Largest distance from the path's samples [m].
+        error: Largest allowed distance of the polynomials from the path's samples [m].
         most: Largest number of pieces.
 
     Raises:

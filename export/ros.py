@@ -1,7 +1,7 @@
 """Bag of ROS 2 in the container MCAP: the poses of each vehicle over time.
 
 Topics are /NAME/pose (geometry_msgs/PoseStamped), a message for each sample, and
-/NAME/path (nav_msgs/Path), the whole path in one message at the begin. Vehicles have no
+/NAME/path (nav_msgs/Path), the whole path in one message at time 0. Vehicles have no
 orientation: the quaternion is (0, 0, 0, 1). Times count from 0.
 """
 

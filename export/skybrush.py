@@ -1,6 +1,6 @@
 """Show of drones without lights for Skybrush: a ZIP file with `show.json`.
 
-A trajectory is a list of points [time, place, control points]: the way from the point
+A trajectory is a list of points [time, place, control points]: the path from the point
 before is the Bezier curve with these control points, here a cubic one.
 """
 
@@ -29,7 +29,7 @@ def skybrush_bytes(paths: Sequence[VehiclePath], *, error: float = 0.001) -> byt
 
     Args:
         paths: Paths of the vehicles.
-        error: Largest distance of the curves from a path's samples [m].
+        error: Largest allowed distance of the curves from a path's samples [m].
 
     Raises:
         ExportError: If the curves are farther away than `error`.

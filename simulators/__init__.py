@@ -7,7 +7,8 @@
     selected   a part of the states and controls of any of them
 
     planning   plans from roll-outs, by searches and a surrogate (surrogate.py) that
-               is fitted to them; they are made in processes (workers.py, worker.py)
+               is fitted to the roll-outs, which run in processes (workers.py,
+               worker.py)
 
 Each simulator keeps its state inside, as `swarmstart.Simulator` describes, or gets the
 state with each step. Foreign code runs here: the other folders of the package import

@@ -30,7 +30,8 @@ class Described:
         identifier: Name of its library.
         token: Identifier (GUID) that the library compares when it is loaded.
         can_restore: True if the FMU's state can be saved and restored.
-        variables: Name of a variable, a number with 64 bits -> its description by FMPy.
+        variables: Name of each variable that is a scalar of 64 bits -> its description
+            by FMPy.
     """
 
     file: Path

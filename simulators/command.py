@@ -7,9 +7,10 @@
     {"start_at": [0.0, 0.0]}                    {"x": [0.0, 0.0]}
     {"x": [0.0, 0.0], "u": [1.0], "dt": 0.1}    {"x": [0.0049, 0.0993]}
 
-In place of an answer it can send {"error": "words"}. With `"keeps_state": true` the
-program keeps a state of its own beside x; then a step accepts the state that was
-returned last, and no other. Else a program that ends or is late is started again once.
+In place of an answer the program can send {"error": "words"}. With
+`"keeps_state": true` the program has a memory of its own in addition to x; then a step
+accepts only the state that was returned last. Without such a memory, a program that
+ends or is late is started again once.
 """
 
 from __future__ import annotations
@@ -65,7 +66,7 @@ class CommandPlant(Called):
     Attributes:
         state_names: Names of the states, as the program gives them.
         control_names: Names of the controls, as the program gives them.
-        keeps_state: True if the program keeps a state of its own beside x.
+        keeps_state: True if the program has a memory of its own in addition to x.
         restarts: How often the program was started again, because it had ended or was
             late.
 
@@ -143,8 +144,8 @@ class CommandPlant(Called):
         """Return the state after a step, shape (nx,).
 
         Args:
-            x: State, shape (nx,); the one that was returned last, if the program keeps
-                a state of its own.
+            x: State, shape (nx,); if `keeps_state` is True, it must be the one that was
+                returned last.
             u: Controls held over the step, shape (nu,).
             dt: Length of the step [s].
 
@@ -161,7 +162,7 @@ class CommandPlant(Called):
         return self._last.copy()
 
     def close(self) -> None:
-        """End the program. An unused plant does so by itself."""
+        """End the program, which also ends when the plant is no longer referenced."""
         self._is_closed = True
         self._process.close()
 

@@ -1,4 +1,4 @@
-"""Parts that all simulators share: their error, and the state that they must be in."""
+"""Parts that all simulators share: an error, and checks of names, states and units."""
 
 import difflib
 from collections.abc import Iterable, Mapping, Sequence

@@ -1,8 +1,8 @@
 """An FMU for co-simulation as a plant; FMPy calls it.
 
 The FMU keeps its state: a step accepts the state that was returned last, and no other.
-A run begins at the given state if the FMU lets its states be set before a run (initial
-"exact" or "approx"), or begins there by itself.
+A run can begin at a given state if the FMU lets its states be set before a run (initial
+"exact" or "approx"), or if the FMU begins at this state by itself.
 """
 
 from __future__ import annotations
@@ -164,7 +164,10 @@ class FmuPlant(Called):
         return np.array(after)
 
     def close(self) -> None:
-        """Unload the FMU and remove its folder. An unused plant does so by itself."""
+        """Unload the FMU and remove its unpacked folder.
+
+        Both also happen when the plant is no longer referenced.
+        """
         self._last, self._is_broken = None, False
         self._library.close()
 

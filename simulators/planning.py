@@ -1,11 +1,12 @@
 """Plans for a simulator without a formula, from its roll-outs alone.
 
 The surrogate loop: a correction of the problem's model is fitted to roll-outs, a plan
-is made with it in lanes and by IPOPT, and simulated; then the fit is made again, until
-predicted and simulated costs agree and plans get no better. If they do not agree, or no
-surrogate is wanted, a population search spends the rest of the roll-outs. Each roll-out
-begins the simulator at the initial state, in a process; a crash, a hang or a NaN costs
-that roll-out alone.
+is made with the corrected model, by a local solver from several starts and by IPOPT,
+and this plan is simulated. The fit is made again with its roll-out, until predicted and
+simulated costs agree and plans get no better. If the costs never agree, or no surrogate
+is wanted, a population search makes the roll-outs that are left. Each roll-out begins
+the simulator at the initial state, in a process; a crash, a hang or a NaN costs that
+roll-out alone.
 
 An answer is feasible at best: without derivatives of the simulator no optimum is shown.
 """
@@ -131,7 +132,7 @@ class SimulatedPlan:
         violation: Sum of the scaled excesses over constraints.
         status: FEASIBLE or INFEASIBLE, by the simulator's own steps: there is no finer
             grid that confirms it.
-        reason: Reason why it ended, and what the rounds gained, in words.
+        reason: Reason why the search ended, and what the rounds gained, in words.
         rollouts: Number of roll-outs, failed ones included.
         failures: Kind of failure -> number of roll-outs that failed so.
         rounds: Rounds of the surrogate loop.
@@ -331,9 +332,9 @@ def solve_simulated(  # noqa: PLR0913 - one call for all of it
         The best roll-out, FEASIBLE at best.
 
     Raises:
-        InvalidProblemError: If the problem decides more than held controls, a control
-            is unbounded, a shape is not the problem's, or the surrogate cannot correct
-            its rates.
+        InvalidProblemError: If the problem has other unknowns than held controls, a
+            control is unbounded, an array has a shape that does not fit the problem, or
+            the surrogate cannot correct the rates of the model.
         SimulatorError: If the simulator cannot be sent to a process, or no roll-out
             succeeds.
         RollOutsInterrupted: After Ctrl-C, with the best so far.

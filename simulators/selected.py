@@ -136,8 +136,8 @@ class SelectedPlant(Called):
             dt: Length of the step [s].
 
         Raises:
-            SimulatorError: If `x` is not what was returned last, or as the simulator
-                raises it.
+            SimulatorError: If `x` is not the array that was returned last, or as the
+                simulator raises it.
         """
         last = self._last
         chosen = None if last is None else last[self._states]

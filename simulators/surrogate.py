@@ -10,12 +10,13 @@ roll-outs, with r = 0:
 
     minimise  sum of w |(x_k+1 - F(x_k, u_k, W)) / h|^2 + small |W|^2
 
-F is one step of the classical Runge-Kutta method of the simulator's length h, and w the
-weight of a roll-out. A few rounds solve it with F linear in W: its slope is h times the
-mean of m over the step, by Simpson's rule, so that the rows of W are independent. The
-degree is the one whose fit best predicts a quarter of the roll-outs that it has not
-seen; the last fit uses all roll-outs. At last r takes what W misses along the roll-out
-of the largest weight, so that the formula repeats that roll-out.
+F is one step of the classical Runge-Kutta method, h the length of the simulator's step,
+and w the weight of a roll-out. A few Newton steps solve it. They take the slope of F in
+W as h times the mean of m over the step, by Simpson's rule, so that the rows of W are
+independent. Of several degrees, the one is used whose fit to three quarters of the
+roll-outs best predicts the others; the last fit uses all roll-outs. Finally r is set to
+the errors that W leaves along the roll-out of the largest weight, so that the formula
+repeats that roll-out.
 """
 
 from __future__ import annotations
@@ -154,7 +155,7 @@ class Correction:
         return np.array(self._after(x, u, np.concatenate([parameters, own]), rest))
 
     def known(self, known: Known, fit: Fit) -> Known:
-        """Return the known data of a problem, with the data of a fit added."""
+        """Return parameters and signals of a problem, with those of a fit added."""
         own = np.asarray(known.parameters, dtype=np.float64).ravel()
         return known._replace(
             parameters=np.concatenate([own, fit.parameters]), signals=fit.rest

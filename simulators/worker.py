@@ -72,7 +72,7 @@ def answered(call: Callable[[], Any]) -> tuple[bool, Any]:
 
 
 def main() -> int:
-    """Load the simulator of the first frame, and make roll-outs until the end."""
+    """Load the simulator of the first frame; make roll-outs until the input ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # The parent ends this process.
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
     if sys.platform.startswith("linux"):

@@ -3,7 +3,8 @@
 For x' = f(x, u) near a reference (x_ref, u_ref): a gain K, a matrix P and a level alpha
 such that inside {e : e'Pe <= alpha} the law u = u_ref - K (x - x_ref) respects the
 bounds and e'Pe decreases. `certified_terminal_set` takes all steps: linearisation, the
-matrix equations of K and P, the level of the bounds, and its refutation or proof.
+matrix equations of K and P, the largest level that the bounds allow, and the largest
+level up to it that can be proven.
 """
 
 # ruff: noqa: I001  (it would write one statement for each name)

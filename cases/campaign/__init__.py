@@ -1,1 +1,1 @@
-"""Runs, one or many: cells, solvers, comparison, replication, claims."""
+"""Runs, one or many: single runs, comparisons of solvers, replication of claims."""

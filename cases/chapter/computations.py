@@ -93,10 +93,11 @@ def input_levels(job: Mapping[str, Any], folder: Path) -> dict[str, Any]:
 
 
 def continuous_law(job: Mapping[str, Any], folder: Path) -> dict[str, Any]:
-    """Return measures from the edge of the printed set, with a continuous law.
+    """Return measures of the linear law with a continuous input, not a held one.
 
-    The function simulates x' = f(x, u_ref - K (x - x_ref)) for 30 s from states with
-    e'Pe = alpha, drawn with a fixed seed; the input is not clipped, as printed.
+    The function simulates x' = f(x, u_ref - K (x - x_ref)) for 30 s from states on the
+    edge of the printed set, e'Pe = alpha, drawn with a fixed seed; the input is not
+    clipped, as printed.
     """
     del job, folder
     printed, _ = _printed_law()

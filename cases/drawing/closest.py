@@ -37,7 +37,7 @@ class Approach:
         distance: Least distance, in the unit of the positions, negative inside an
             obstacle.
         time: Time of the least distance [s].
-        ends: Positions of both ends of the distance, one a row, shape (2, 2).
+        ends: Positions of both ends of the distance, each in a row, shape (2, 2).
     """
 
     names: Sequence[str]

@@ -82,7 +82,7 @@ class Draw(Protocol[S_contra, F_contra]):
 
 
 def new_figure(size: tuple[float, float] = (7.0, 4.0)) -> "Figure":
-    """Return an empty figure, `size` in inches, that no global state refers to."""
+    """Return an empty figure, `size` in inches, which pyplot does not manage."""
     # Not at the head: results that are only computed must not wait for matplotlib.
     from matplotlib.figure import Figure
 

@@ -85,9 +85,10 @@ class Flown:
     known: KnownOf
 
     def parts(self) -> Iterator[tuple[OptimalControlProblem, Trajectory, KnownAt]]:
-        """Yield each problem with the rows of its model, and what is known in it.
+        """Yield each problem with its own part of the run.
 
-        What is known are parameters and signals of each plan.
+        The third value is a function: number of a step -> parameters and signals of the
+        plan that was made at this step.
         """
         flight, nx, nu = self.trajectory, 0, 0
         for number, problem in enumerate(self.problems):

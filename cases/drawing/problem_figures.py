@@ -1,10 +1,11 @@
 """Figures of any problem: one sheet, and figures of what does not fit into it.
 
 The sheet of a closed-loop run shows states with the plans beneath them, the cost of
-each plan, controls with their bounds, and what planning took. The sheet of a problem
+each plan, controls with their bounds, and time of planning. The sheet of a problem
 that was solved once shows states, convergence of the search, controls, and the local
-optima that were found; without a search, or with one optimum, the phase plane of two
-states takes its place. The slack of constraints is drawn if there are any.
+optima that were found. Without a search, or with one optimum only, tracks or the phase
+plane of two states take the place of the missing part. The slack of constraints is
+drawn if there are any.
 
 For a single result, `plot()` draws states, controls and outputs, as notebooks show
 them.
@@ -379,10 +380,11 @@ def labels_of(
     units: Mapping[str, str] | None = None,
     vehicles: Sequence[str] = ("",),
 ) -> Labels:
-    """Return labels for figures of a problem, whose model is that of one vehicle.
+    """Return labels for figures of a problem.
 
     Args:
-        problem: The problem; its model has the names of the states and controls.
+        problem: The problem of one vehicle; its model has the names of the states and
+            controls.
         units: Unit by name; None means the model's units.
         vehicles: Name of each vehicle in the figures.
     """

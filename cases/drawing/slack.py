@@ -141,7 +141,7 @@ def arguments_of(
     """Return initial state, parameters and signals of a plan for the problem's core.
 
     Args:
-        lowered: The problem with its core.
+        lowered: The problem with its core, that is, the problem after all rewrites.
         plan: The plan; None if there is none.
         trajectory: The run.
         step: Number of the step at which the plan was made.

@@ -119,8 +119,8 @@ def _one_after_another(
 def band_name(name: str, content: Mapping[str, Any]) -> tuple[str, str]:
     """Return the name of a state as a panel shows it, and its unit.
 
-    States of UAVs end in the UAV's place, counted from 0; states of other kinds keep
-    their names.
+    Names of states of UAVs end in the number of the UAV, counted from 0; states of
+    other kinds keep their names.
 
     Args:
         name: Name of the state, as in the bands of seeds.json.

@@ -19,8 +19,8 @@ LINE_BREAK = re.compile(r"\r\n|\r|\n")
 class Place:
     """A place in a text, "file:line:column"; line and column count from 1.
 
-    The place in an option of the command line, whose name begins with "--", is written
-    in words, and left out at its beginning.
+    If the text is an option of the command line (its name begins with "--"), a line and
+    a column above 1 are written in words, such as "--set a, column 3".
     """
 
     name: str

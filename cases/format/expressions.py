@@ -174,7 +174,8 @@ def evaluate(text: str, names: Mapping[str, float] = MappingProxyType({})) -> fl
 
     Args:
         text: At most `MAX_CHARACTERS` long.
-        names: The value of each name allowed besides the constants, which come first.
+        names: The value of each further name that is allowed; a name that is also a
+            constant, such as pi, has the value given here.
 
     Returns:
         A finite number.
@@ -246,8 +247,9 @@ def interpret(
     Args:
         expression: From `parse`.
         operations: One callable for each key of `FLOAT_OPERATIONS`, of as many
-            arguments; they must take floats beside T.
-        names: The value of each name allowed beside the constants; they come first.
+            arguments; it must accept values of type T and floats, also mixed.
+        names: The value of each name allowed besides the constants; a name that is also
+            a constant, such as pi, has the value given here.
 
     Returns:
         The value; a float if no name of type T takes part.

@@ -1,10 +1,11 @@
-"""Errors of a scenario, each with its place, in the words of this project.
+"""Errors of a scenario, each with its place, in own words in place of pydantic's.
 
     document -> pydantic -> its errors by their place -> Flaw (file:line:column, frame)
 
-Errors of pydantic that belong together become one: those of the forms that a value can
-have, and a key that is unknown beside one that is missing. All others are reported at
-once. An error within an expression has a column of its own.
+Errors of pydantic that belong together become one: the errors of all forms that a value
+can have, and an unknown key with the missing key for which it may be a misspelling. All
+other errors are reported at once. An error within an expression has a column of its
+own.
 """
 
 from __future__ import annotations

@@ -51,8 +51,9 @@ class PosedAgent:
         problem: Its planning problem.
         family: Family of trajectories that a search looks in; None means control
             sequences.
-        reference: The problem's first signals: absolute times (n,) [s] -> (nr, n); the
-            plans of the agents that it watches follow. None means no reference.
+        reference: The problem's first signals: absolute times (n,) [s] -> (nr, n). The
+            next signals are the plans of the agents in `watches`. None means no
+            reference.
         parameters: Time [s] -> parameters (np,) of the plan made then; None if it has
             none.
         candidates: Time [s] -> controls (nu, N, k) that a search tries besides the last
@@ -67,7 +68,8 @@ class PosedAgent:
         watches: Numbers of the agents whose plans it uses; each of them plans before
             it.
         hears: Numbers of the agents whose committed plans and candidates are among its
-            signals, followed by a reserve; see `CommittedTeam`.
+            signals, followed by a distance to keep in addition to the least one; see
+            `CommittedTeam`.
         shows: Rows of its states that other agents use: its position.
         previous: Control of the interval before the first, shape (nu,); None means the
             allowed one nearest to zero.
@@ -491,7 +493,8 @@ class Kind:
         whole_run: (scenario, flight, trajectory, measures) -> values by which whole
             runs are compared.
         measures: Name -> meaning, with its unit in brackets at the end.
-        undefined: Name of a measure that can be null -> reason; NEVER for a time.
+        undefined: Name of a measure that can be null -> reason; NEVER for the time of
+            an event that may never come.
         own_measures: Scenario -> measures that it defines itself: name -> reason why
             one can be null.
         own_meanings: Scenario -> the same measures: name -> meaning.

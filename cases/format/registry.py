@@ -15,7 +15,7 @@ from swarmstart.heuristics import SearchEntry, installed_searches
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class KindWords:
-    """Words of a kind, which its folder states as WORDS.
+    """Texts about a kind, and the names of its rows; the WORDS of the kind's folder.
 
     Attributes:
         kind: "module:attribute" of its Kind.
@@ -42,9 +42,9 @@ class KindWords:
         captions: Stem of a figure's file -> caption.
         costs: Names of measures that can be the cost of a run; the first defined one
             counts.
-        numbered_rows: Whether names of states and controls end in the number of the
-            vehicle, which moves in the plane; else the rows of one vehicle follow those
-            of another.
+        numbered_rows: Whether the vehicles move in the plane, and names of their states
+            and controls end in the number of the vehicle; else the rows of one vehicle
+            follow those of another.
         vehicles: Names of the vehicles; empty means those of the scenario.
         called: Word before the number of a vehicle with numbered rows.
         first_number: Number of the first vehicle, if the scenario gives no numbers.
@@ -141,7 +141,7 @@ BEST_KNOWN = "best_known"
 
 
 def words_of(kind: object) -> KindWords:
-    """Return the words of a kind; those of an unknown kind, as in a record, are empty.
+    """Return the texts about a kind; empty texts for an unknown kind of a record.
 
     Args:
         kind: A key of KINDS, or any other value that a file has in its place.

@@ -74,7 +74,10 @@ class Resolved:
     allow_code: bool = False
 
     def __reduce__(self) -> tuple[Callable[..., Resolved], tuple[Any, ...]]:
-        """Return how to resolve it again: its classes are made for the searches."""
+        """Return the call that resolves the scenario again.
+
+        An object of classes that are made anew for each search cannot be pickled.
+        """
         folder = str(self.folder.resolve())
         again = partial(resolved_again, code_in=folder, allow_code=self.allow_code)
         return again, (self.settings, self.variant)
@@ -163,7 +166,7 @@ def read_document(name_or_path: str) -> Document:
     Raises:
         UnknownScenarioError: If it looks like a name, but no scenario has it.
         UnreadableFileError: If the file cannot be read.
-        YamlError: If its content is not the format.
+        YamlError: If its content is not in the scenario format.
     """
     known = by_name()
     if name_or_path in known:

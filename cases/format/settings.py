@@ -182,9 +182,10 @@ class SearchPart(Part):
             half, one individual or none.
         sampling: Method of drawing the rest of the first population; null means
             half_smooth.
-        when: Plans that are searched if there is a polish: all (always), or only those
-            for which the polish of the last plan is not enough (needed), or of these
-            not even the first plan if cold starts and lanes agree on it (undecided).
+        when: Plans that are searched if there is a polish: all of them (always); the
+            first, and those for which the polish of the last plan is not enough
+            (needed); or these without the first, if polishes from simple starts and
+            local solves from random starts agree on it (undecided).
     """
 
     name: str
@@ -394,7 +395,7 @@ class PlanningScenario(Scenario):
         ipopt: Options of IPOPT, used if `polish` is ipopt.
         basins: Number of further starting points for the polish: the best distinct
             basins that the search found, besides its best point.
-        lanes: Number of random starts that are solved at once, beside the search, if
+        lanes: Number of random starts that are solved at once, besides the search, if
             there is no earlier plan; needs a polish, and null means the default of the
             kind.
         backend: Evaluator of populations: llvm is machine code, casadi its virtual
@@ -506,7 +507,7 @@ def planning(scenario: Scenario) -> PlanningScenario:
     """Return a scenario whose plans are optimal-control problems.
 
     Raises:
-        TypeError: If the plans of the scenario are made in another way.
+        TypeError: If the plans of the scenario are no optimal-control problems.
     """
     if not isinstance(scenario, PlanningScenario):
         raise TypeError(

@@ -1,9 +1,9 @@
 """Arms: a planar arm of n links moves its tip to a point, between discs.
 
 Joints are kinematic, angle' = rate. The cost is the integral of the squared rates over
-one second; its least value is the square of the length of the way in the space of
-angles. The tip's goal is reached with each elbow up or down, and after turns on either
-side.
+one second; its least value is the square of the length of the shortest path in the
+space of angles. The tip can reach its goal with each elbow up or down, and after turns
+on either side.
 
 The arm's joints and `POINTS` points of each link stay outside of the discs.
 """

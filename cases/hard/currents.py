@@ -38,9 +38,9 @@ class Currents(NamedTuple):
         goal: Position at the end.
         centres: Centres c_k, shape (n, 2).
         strengths: Strengths G_k, shape (n,); positive turns to the left.
-        core: Radius of a core.
-        low: Smallest x and y of the room.
-        high: Largest x and y of the room.
+        core: Radius of the core of each vortex.
+        low: Smallest x and y that the boat may have.
+        high: Largest x and y that the boat may have.
     """
 
     start: tuple[float, float]

@@ -45,7 +45,7 @@ def first_possible(
 
     Args:
         attempt: Function that draws once. It returns None if the draw is impossible,
-            such as one without a way through; the next draw then continues the same
+            such as one without a free path; the next draw then continues the same
             stream of numbers.
         seed: Seed of the stream.
 

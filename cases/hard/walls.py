@@ -12,9 +12,9 @@ point is on its boundary. With (x, y) relative to the centre, and d^2 = x^2 + h^
     h = max(|y|, c |x| / r),   g = d^2 / (c h + sqrt(r^2 d^2 - c^2 x^2))
 
 The gauge leads points within a wall along the wall to a gap; the distance from the
-boundary would lead them across it. On one draw 39 of 66 random starts find a way with
-the gauge, and 5 with the distance. A path passes the kinks of max and | |, which cancel
-there. They are rounded,
+boundary would lead them across it. On one draw 39 of 66 random starts find a feasible
+path with the gauge, and 5 with the distance. A path passes the kinks of max and | |,
+which cancel in g. They are rounded,
 
     max(a, b) -> (a + b + sqrt((a - b)^2 + e^2)) / 2,   |a| -> sqrt(a^2 + e^2)
 
@@ -69,7 +69,7 @@ class Walls(NamedTuple):
         goal: Position at the end.
         blocks: Blocks of all walls; the outermost reach beyond the room.
         half_height: Bound of |y|.
-        fastest: Bound of each speed: more than the length of some way.
+        fastest: Bound of each speed: more than the length of some path to the goal.
     """
 
     start: tuple[float, float]

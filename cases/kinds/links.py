@@ -34,8 +34,8 @@ class LinksPart(Part):
             most_delay ticks.
         loss: Probability that a message is lost, for each receiver.
         silences: Times in which vehicles neither send nor hear.
-        range_m: Largest distance between sender and receiver [m], with which vehicles
-            also pass on what they hear; null means any distance.
+        range_m: Largest distance between sender and receiver [m]; if it is given,
+            vehicles also pass on what they hear, and null means any distance.
     """
 
     ticks: int = Field(default=2, ge=1, le=100)

@@ -1,5 +1,7 @@
 """UAVs in the plane: models, states, distances, limits and assignment that kinds share.
 
+Numbers such as (5.3) are equations of the chapter (docs/chapter).
+
 A UAV's state is (v, psi, x, y) in the order of (5.3), speed [m/s], heading [rad] and
 position [m]; those of several are stacked, UAV after UAV. Both models have
 
@@ -291,7 +293,7 @@ def smallest_range(positions: Array, point: Point) -> float:
 
 
 def unicycle() -> Model:
-    """Return the model (5.1), nx = 4, nu = 2."""
+    """Return the model (5.1) of the chapter, nx = 4, nu = 2."""
     u, omega = ca.SX.sym("u"), ca.SX.sym("omega")
     names = "acceleration_m_s2", "turn_rate_rad_s"
     return _planar([u, omega], names, lambda v: (u, omega))

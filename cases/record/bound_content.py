@@ -1,7 +1,7 @@
 """A lower bound in a record, with the file of its certificate.
 
 The certificate contains everything that the proof needs: `python -m
-swarmstart.ocp.lower_bound.check bound_certificate.json` proves it again.
+swarmstart.ocp.lower_bound.check bound_certificate.json` proves the bound again.
 """
 
 import json

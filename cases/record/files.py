@@ -56,7 +56,7 @@ class FolderInUseError(RecordError):
 
 @contextlib.contextmanager
 def replacing(path: Path, *, suffix: str = "") -> Iterator[Path]:
-    """Yield a temporary name; the file of that name then replaces another file.
+    """Yield the name of a temporary file to be written, which then replaces `path`.
 
     Args:
         path: The file to be replaced; its folder is made if it is missing.

@@ -1,8 +1,9 @@
 """Answers to many instances: saved in one .npz file, read back, made into tables.
 
 The file has the names of the problem, the data of all instances and the answers to the
-core, without pickles. A file that is read must have these arrays, in the shapes of the
-problem that is given with it; the answers themselves are not computed again.
+core, that is, to the problem after all rewrites, without pickles. A file that is read
+must have these arrays, in the shapes of the problem that is given with it; the answers
+themselves are not computed again.
 """
 
 from pathlib import Path

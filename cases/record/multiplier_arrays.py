@@ -11,8 +11,8 @@ Arrays of the last plans of an interrupted run, used to start its next plans:
 
     dual_steps, dual_rows, dual_bounds
 
-The arrays `dual_...` are kept for two steps: the last step, and the step that the mark
-names until a new mark is written.
+The arrays `dual_...` are kept for two steps: the last one, and the one whose number
+stands in the mark (partial.json) until a new mark is written.
 """
 
 from collections.abc import Mapping, Sequence
@@ -91,7 +91,7 @@ def dual_arrays(trajectory: Trajectory, finished: int) -> dict[str, NDArray[Any]
 
     Args:
         trajectory: The finished steps.
-        finished: Number of steps that the mark names; 0 if there is no mark.
+        finished: Number of steps in the mark (partial.json); 0 if there is no mark.
     """
     count = len(trajectory.decisions)
     numbers = sorted({n - 1 for n in (finished, count) if 0 < n <= count})

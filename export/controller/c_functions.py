@@ -1,7 +1,8 @@
 """Functions of a problem as C functions that work on the memory of a controller.
 
-A kernel of lanes (ocp/lanes/kernels.py) becomes a function of one lane: each name that
-it reads or writes is an array in the memory, or a constant table of the file.
+A kernel (ocp/lanes/kernels.py) is machine code that works on several problems, the
+lanes, at once. Here it becomes a function for one problem: each name that it reads or
+writes is an array in the memory, or a constant table of the file.
 """
 
 from collections.abc import Callable, Mapping

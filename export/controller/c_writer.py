@@ -1,10 +1,10 @@
-"""Lines of C99 by the verbs of vector code: one number in place of a vector.
+"""Writer of C99 that has the methods of the writer of machine code (ocp/compiled).
 
-The tape and the elementary functions that machine code is made of (ocp/compiled) write
-themselves here as C, operation by operation, so that both compute the same. A product
-in a sum is rounded here, since C has no fast `fma` everywhere; constants are
-hexadecimal, so that no digit is lost. Where machine code calls the C library, outside
-the range of its own methods, the value is NaN.
+So the functions that write machine code, operation by operation, write C as well, with
+one number in place of a vector; C and machine code compute the same. A product in a sum
+is rounded in C, since not every processor has a fast `fma`; constants are hexadecimal,
+so that no digit is lost. Where machine code calls the C library, outside the range of
+its own methods, the value in C is NaN.
 """
 
 import math
@@ -67,7 +67,7 @@ class CWriter(VectorIR):
         self._is_own = form.bits == DOUBLE.bits
 
     def in_format(self, form: Format) -> "CWriter":
-        """Return this writer: a file has one precision, for powers too."""
+        """Return this writer for any format: a file has one precision."""
         del form
         return self
 
@@ -151,7 +151,7 @@ class CWriter(VectorIR):
     def beside(
         self, name: str, make: Callable[..., Sequence[str]], *arguments: str
     ) -> list[str]:
-        """Call a function that is written once, beside this one; return its values."""
+        """Call a function that is written once into the file; return its values."""
         own = name.removeprefix("vector_")
         if own not in self.common:
             inner = CWriter(self.form, common=self.common)
@@ -178,7 +178,8 @@ class CWriter(VectorIR):
     def lane_by_lane(self, function: str, *arguments: str) -> str:
         """Return the value of a function that machine code takes from the C library.
 
-        It is NaN except for hypot, remainder and pow, which are a few operations.
+        The value is NaN, except for hypot, remainder and pow, which are written as a
+        few operations.
         """
         if function == "hypot":
             a, b = arguments

@@ -88,8 +88,8 @@ class CExport:
 class CompiledController:
     """A controller that calls the compiled C file; its memory is the C file's own.
 
-    `decide` begins anew if there is no previous decision, and uses the known data of
-    the export.
+    `decide` begins anew if there is no previous decision, and uses the parameters and
+    signals of the export.
 
     Attributes:
         dt: Length of a control interval [s].
@@ -140,7 +140,8 @@ class CompiledController:
 
         Args:
             x: State, shape (nx,).
-            known: Known data of the core of the problem; None: those of the export.
+            known: Parameters and signals of the core, that is, of the problem after all
+                rewrites; None: those of the export.
         """
         one = self._made.posed
         known = one.known if known is None else known

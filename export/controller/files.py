@@ -82,16 +82,16 @@ def export_c(  # noqa: PLR0913 - what a file is made of, by name
 ) -> CExport:
     """Write a receding-horizon controller as one C99 file, without heap and recursion.
 
-    A step solves the problem by the method of the lanes (docs/controller_in_c.md) from
-    the shifted last plan. If that finds no local optimum that is feasible, or the cost
-    jumps, it solves from `starts` seeded starts too and keeps the best plan. Inside
-    the set of a `DualMode` it applies the linear law.
+    A step solves the problem by the local solver of the lanes
+    (docs/controller_in_c.md) from the shifted last plan. If the answer is no feasible
+    local optimum, or the cost jumps, the step solves from `starts` seeded starts, too,
+    and keeps the best plan. Inside the set of a `DualMode` it applies the linear law.
 
     Args:
         controller: The controller of one vehicle. Its search makes the first plan, and
             is replaced by the seeded starts afterwards.
-        x0: Initial state, shape (nx,), SI units. The first plan begins there, and all
-            numbers are divided by sizes that belong to it.
+        x0: Initial state, shape (nx,), SI units. The first plan begins there, and the
+            sizes by which all numbers are divided are computed there.
         name: Name of the files and prefix of all public names in C.
         starts: Number of seeded starts; if 0, the header says that there are none.
         iterations: Largest number of steps of a local solve.

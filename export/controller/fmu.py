@@ -53,8 +53,9 @@ def export_fmu(
     """Return a controller in C as an FMU for co-simulation.
 
     Inputs are the states, then parameters and signals; outputs are the controls, the
-    status and the cost. After a step at time t, of the length of a control interval,
-    the outputs are the controls for the interval that begins at t.
+    status and the cost. A step from t to t + dt, with dt the control interval, takes
+    the inputs of time t; its outputs are the controls for the interval that begins at
+    t.
 
     Args:
         made: The controller in C, from `export_c`.

@@ -37,12 +37,12 @@ class PosedController:
 
     Attributes:
         shooting: Functions of the problem.
-        x0: Initial state of the core of the problem. All numbers are divided by sizes
-            that belong to it.
-        known: Known data of the core at the start.
-        stated: Number of states of the stated problem; further states of the core
-            remember controls.
-        lane: The kernels and arrays of a local solve, for one lane.
+        x0: Initial state of the core, that is, of the problem after all rewrites. All
+            numbers are divided by sizes that are computed at this state.
+        known: Parameters and signals of the core at the start.
+        stated: Number of states of the user's problem, the first ones of the core;
+            further states of the core hold past controls.
+        lane: The kernels and arrays of a local solve, for one start.
         remembered: Initial values of the further states.
         first: Controls of the first plan, shape (nu, N).
         starts: Knots of the seeded starts, shape (starts, nu, knots).
@@ -65,7 +65,7 @@ class PosedController:
 
     @property
     def problem(self) -> OptimalControlProblem:
-        """The core of the problem."""
+        """The core: the problem after all rewrites."""
         return self.shooting.problem
 
     @property
@@ -80,7 +80,7 @@ class PosedController:
 
     @property
     def begin(self) -> ca.Function | None:
-        """The same function at the start; None if it would add nothing."""
+        """Function at the start: (x, p, s) -> (cost, violation); None if both are 0."""
         return self.shooting.begin if self.shooting.has_begin else None
 
 

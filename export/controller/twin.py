@@ -1,7 +1,7 @@
-"""The same controller as a C file, in the library's own code: lanes in machine code.
+"""A controller that decides as an exported C file does, by the library's own code.
 
-It makes the same decisions as controller.c, plan by plan. So a C file can be compared
-with code that the generator of C has not written.
+It makes the same decisions as controller.c, plan by plan, with the library's machine
+code. So a C file can be compared with code that the writer of C has not written.
 """
 
 from typing import NamedTuple
@@ -44,7 +44,7 @@ class Twin:
     It remembers its last plan; `reset` begins anew.
 
     Attributes:
-        size: Sum of the sizes of the parts of the last plan's cost.
+        size: Sum of the absolute costs of the last plan's intervals and ends.
     """
 
     def __init__(self, one: PosedController, *, iterations: int) -> None:
@@ -70,7 +70,8 @@ class Twin:
 
         Args:
             x: State of the stated problem, finite.
-            known: Known data of the core; None: those of the export.
+            known: Parameters and signals of the core, that is, of the problem after all
+                rewrites; None: those of the export.
         """
         known = self._one.known if known is None else known
         here = np.concatenate([x, self._remembered])
@@ -85,7 +86,7 @@ class Twin:
         return self._plan[:, 0].copy(), status
 
     def model(self, x: Array, u: Array) -> Array:
-        """Return the state after an interval, with the known data of the export."""
+        """Return the state after an interval, with parameters of the export."""
         here = np.concatenate([x, np.zeros(self._problem.model.nx - x.size)])
         return self._interval(here, u, self._one.known, 0)[0][: x.size]
 

@@ -1,11 +1,11 @@
 """Certificates: the evidence of a terminal set, as a file to be checked.
 
-The evidence for a level is a proof; that against one, a counterexample.
+The evidence for a level is a proof; the evidence against a level, a counterexample.
 
 The file is JSON with all that the statements need: the model as data (`tape.py`), the
-law, P, alpha, the margins. `python -m swarmstart.terminal_set.check FILE` proves it
-again, with another arithmetic and without code of this package. The digest detects
-careless edits; a file with a new digest must still pass the proof.
+law, P, alpha, the margins. `python -m swarmstart.terminal_set.check FILE` checks the
+statements again, with another arithmetic and without the code that proved them first.
+The digest detects careless edits; a file with a new digest must still pass the proof.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ class Refutation:
     Attributes:
         alpha: e'Pe there: no level at or above it can be proven.
         e: The deviation, shape (nx,), read-only.
-        change: c(e) >= 0 there.
+        change: The change c(e) of e'Pe there, margin included, which is at least 0.
     """
 
     alpha: float
@@ -73,7 +73,7 @@ class Refutation:
     change: float
 
     def __post_init__(self) -> None:
-        """Copy and lock."""
+        """Copy e and make the copy read-only."""
         object.__setattr__(self, "e", finite_array("e", self.e, (None,)))
 
 
@@ -102,7 +102,7 @@ class UnprovenSetError(SwarmstartError, ArithmeticError):
 
 @dataclass(eq=False)
 class CoarseHoldError(UnprovenSetError):
-    """The integrator's error over a hold leaves too little of the decrease.
+    """The integrator's error over a hold uses up the decrease at all levels tried.
 
     Attributes:
         substeps: Number of Runge-Kutta steps in a hold.
@@ -127,8 +127,8 @@ class Weights:
     Attributes:
         Q: State weight, (nx, nx), per second; per step for a held input.
         R: Input weight, (nu, nu), likewise.
-        kappa: Decay of e'Pe kept in reserve: in 1/s if continuous; if sampled, a
-            fraction per step.
+        kappa: Decay kept in reserve for the nonlinear part: of the slowest mode, in
+            1/s, if continuous; if sampled, a fraction of e'Pe per step.
 
     Raises:
         NotFiniteError: If Q or R holds NaN or infinity.
@@ -154,12 +154,12 @@ class Weights:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class HeldMargins:
-    """Margins in the proof for a held input, which is about the integrator's map.
+    """Margins for a held input: the proof is about the integrator's map, not the flow.
 
     Attributes:
         substeps: Number of Runge-Kutta steps in a hold.
         integrator_error: c with |flow - map|_P <= c |e|_P at all times of a hold, for
-            every e of the set; proven.
+            every e of the set; proven. |e|_P is the root of e'Pe.
         boxes: Number of boxes in the proof of that error.
         growth: g with e'Pe <= g (e'Pe at the last sample) at all times, for the map;
             for the flow the factor is (sqrt(g) + c)^2, with c the integrator's error.
@@ -185,9 +185,9 @@ class Certificate:
         P: Shape of the ellipsoid, (nx, nx).
         alpha: The proven level: e'Pe decreases up to it, and all bounds hold.
         core: Level within which a drift of the rounded reference may cancel the
-            decrease; no trajectory leaves the set V <= core.
-        drift: That drift, relative to the core's radius; in 1/s, or a fraction per hold
-            for a held input.
+            decrease; no trajectory leaves the set e'Pe <= core.
+        drift: Upper bound of that drift, relative to the core's radius sqrt(core); in
+            1/s, or a fraction per hold for a held input.
         dt: Time for which the input is held [s]; None for a continuous input.
         Q_m: Margin: e'Pe decreases by at least e'Q_m e, per second or per hold, shape
             (nx, nx).
@@ -246,8 +246,8 @@ class Certificate:
 
         Certificates made by `certify` are proven, except for the growth between samples
         if its proof was not requested or failed. Other entries show that a copy was
-        changed: margins are part of the seal, and levels are compared with those of the
-        proof and of the bounds.
+        changed: margins are part of `seal`, and `alpha` is compared with the level of
+        the proof and with the levels that the bounds allow.
         """
         found = []
         if not (self.proof.proven and self.alpha <= self.proof.alpha):
@@ -265,7 +265,11 @@ class Certificate:
         return found
 
     def statements(self) -> list[dict[str, str]]:
-        """Return the statements about the set, with their grounds."""
+        """Return the statements about the set, each with its grounds.
+
+        Grounds are "proven", "closed form" (computed by a formula) or "measured", for
+        example; keys of each dictionary are "statement" and "grounds".
+        """
         falls = "e'Pe falls by more than e'Q_m e"
         outside = " outside the stated core, which is not left"
         inputs = ("the inputs stay within their bounds on the set", "closed form")
@@ -298,7 +302,7 @@ class Certificate:
 def sealed(certificate: Certificate) -> Certificate:
     """Return a certificate with a digest of its numbers, by which changes are noticed.
 
-    It protects against mistakes only: any program can compute a seal.
+    The digest protects against mistakes only: any program can compute one.
     """
     return replace(certificate, seal=seal_of(certificate))
 

@@ -6,19 +6,20 @@ Two designs, side by side:
 
     sampled     gain and P of the discrete Riccati equation for the input held dt;
                 corrected level. The design for a controller that holds its input.
-    continuous  gain of the continuous Riccati equation, P of (5.12) corrected,
-                corrected level. The design for a continuous input.
+    continuous  gain of the continuous Riccati equation, P of the chapter's (5.12)
+                corrected, corrected level. The design for a continuous input.
 
 A continuous design that is held may be unstable: the chapter's formation, held 1 s, has
 the spectral radius 10.8 (`held_spectral_radius`), whatever P and alpha are.
 
 All levels here come from bounds on inputs and states alone. They do not show that e'Pe
-decreases under the nonlinear dynamics, nor do they cover states between two samples:
-that needs a certificate, which may lower alpha (`certification.py`).
+decreases under the nonlinear dynamics, nor do they cover states between two samples. A
+certificate shows both, and may lower alpha for this (`certification.py`).
 
-Source: the chapter, eq. (5.8)-(5.14); H. Chen and F. Allgoewer, A quasi-infinite
-horizon nonlinear model predictive control scheme with guaranteed stability, Automatica
-34 (1998), whose P is that of `continuous_terminal_set` with kappa.
+Source: the chapter (docs/chapter), eq. (5.8)-(5.14); H. Chen and F. Allgoewer, A
+quasi-infinite horizon nonlinear model predictive control scheme with guaranteed
+stability, Automatica 34 (1998): `continuous_terminal_set` with kappa has the P of this
+paper.
 """
 
 from __future__ import annotations
@@ -93,7 +94,8 @@ class ForeignCertificateError(SwarmstartError, ValueError):
     """A set was given the certificate of another set.
 
     Attributes:
-        name: Name of what differs; "alpha" if the set is larger than the certified one.
+        name: Name of the attribute that differs; "alpha" if the set is larger than the
+            certified one.
     """
 
     name: str
@@ -116,7 +118,8 @@ class TerminalSet:
     """A linear law and the ellipsoid it is meant for; arrays copied and read-only.
 
     Attributes:
-        K: Gain of u = u_ref - K e, shape (nu, nx). The chapter's K is -K.
+        K: Gain of u = u_ref - K e, shape (nu, nx). The chapter (docs/chapter) has -K as
+            its gain.
         P: Shape of the ellipsoid, (nx, nx), symmetric positive definite.
         alpha: Level of the ellipsoid, > 0.
         x_ref: Reference state of the design, shape (nx,), SI units.
@@ -233,9 +236,8 @@ class TerminalSet:
         """Return the law du = -K e as a system of python-control without states.
 
         For a plant in deviations from the reference, the closed loop is
-        `control.feedback(plant, law, sign=1)`: the law contains its minus sign. The
-        loop transfer function, of which `control.margin` wants the opposite sign, is
-        -law * plant.
+        `control.feedback(plant, law, sign=1)`: the law contains its minus sign.
+        `control.margin` assumes negative feedback; its argument is -law * plant.
 
         Args:
             states: Names of the states, which are the inputs of the law; if empty, they
@@ -287,7 +289,7 @@ def sampled_terminal_set(
     R: ArrayLike,
     kappa: float = 0.0,
 ) -> TerminalSet:
-    """Design the set for an input held over dt, which is the chapter's controller.
+    """Design the set for an input held over dt, as a receding horizon holds it.
 
     P solves F'PF = (1 - kappa)(P - Q*) with F = Ad - Bd K and Q* = Q + K'RK; with
     kappa = 0 it is the Riccati matrix.
@@ -352,7 +354,7 @@ def continuous_terminal_set(
     R: ArrayLike,
     kappa: float = 0.0,
 ) -> TerminalSet:
-    """Design the set for a continuous input, (5.9)-(5.14) corrected.
+    """Design the set for a continuous input: the chapter's (5.9)-(5.14), corrected.
 
     P solves (F + kappa I)'P + P(F + kappa I) = -Q* with F = A - B K and
     Q* = Q + K'RK; with kappa = 0 it is the Riccati matrix.

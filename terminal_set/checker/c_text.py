@@ -2,12 +2,13 @@
 
 Read from the text of the file, bit by bit, are the gain, the matrix and the level of
 the set, the reference, the bounds of the inputs, the time of a hold and the number of
-steps in it; and the functions that apply the law must be the known ones, word by word.
-Nothing else of the file is judged: whether the rest of its code calls them, and what
-its header defines, a test program shows. A file that could say one thing to this reader
-and another to a compiler is refused: with other directives than the known ones, with a
-constant twice, or with words of the language defined anew. A macro must be a number or
-one of the known ones: another one could do something where the law names it.
+steps in it. The functions that apply the law must be, word by word, those that exported
+controllers have. Nothing else of the file is judged: a test program shows whether the
+rest of its code calls these functions, and what its header defines. A file that could
+say one thing to this reader and another to a compiler is refused: one with directives
+that exported controllers do not have, with a constant twice, or with words of the
+language defined anew. A macro must be a number or one of those of exported controllers:
+any other macro could change what the text of the law means.
 """
 
 from __future__ import annotations

@@ -1,7 +1,8 @@
 """Statements of a certificate of a terminal set, and their reader.
 
-The statements must be in the only accepted words, of which the checker judges exactly
-these. Free text labelled "proven" would look as if it had been checked.
+A statement must have one of the texts of `expected_statements`, which are exactly those
+that the checker judges. Free text labelled "proven" would look as if it had been
+checked.
 """
 
 from __future__ import annotations
@@ -67,8 +68,8 @@ class Certificate:
         alpha: Level: the set is V(e) <= alpha.
         core: Level within which the drift of a rounded reference may cancel the
             decrease.
-        drift: That drift, relative to the core's radius; in 1/s, or a fraction per hold
-            for a held input.
+        drift: Upper bound of that drift, relative to the core's radius sqrt(core); in
+            1/s, or a fraction per hold for a held input.
         dt: Time for which an input is held [s]; None if it is continuous.
         substeps: Number of Runge-Kutta steps in a hold; None for a continuous input.
         Q_m: Matrix of the margin: V decreases by at least e'Q_m e, shape (nx, nx).
@@ -271,7 +272,7 @@ def expected_statements(
         growth_proven: Whether the growth between samples is labelled proven.
 
     Returns:
-        Statement -> grounds.
+        Text of each statement -> its grounds, such as "proven" or "measured".
     """
     falls = "e'Pe falls by more than e'Q_m e"
     outside = " outside the stated core, which is not left"

@@ -60,7 +60,8 @@ def checked(options: argparse.Namespace, judge: Callable[[Path], Judged]) -> int
 
     Args:
         options: Options from `parsed`.
-        judge: What reads a file and judges it, within the seconds.
+        judge: Function: path -> findings on that file, and a function: names of the
+            statements that were only sampled -> the verdict in words.
 
     Returns:
         The exit code.

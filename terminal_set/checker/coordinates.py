@@ -1,8 +1,9 @@
-"""Coordinates of an ellipsoid, with matrix properties checked in balls.
+"""Coordinates of an ellipsoid; matrix properties are checked in ball arithmetic.
 
 e = T z with T = L^-T U rounded: L the Cholesky factor of P, U a rotation that makes the
-quadratic part nearly diagonal. The proof needs delta with |T'PT - I| <= delta only,
-which is computed in balls: then (1 - delta) |z|^2 <= V(e) <= (1 + delta) |z|^2.
+quadratic part nearly diagonal. The proof needs only a delta with |T'PT - I| <= delta,
+computed in balls (intervals of real numbers): (1 - delta) |z|^2 <= V(e) <=
+(1 + delta) |z|^2 follows, for V(e) = e'Pe.
 """
 
 from __future__ import annotations

@@ -7,8 +7,8 @@ needed for speed only. The statements are quadratic forms of the motion R and of
   continuous   c(e) = 2 e'P R(e) + e'Me
   held         c(e) = R(e)'P R(e) + e'Me
 
-Boxes from s = 0 on are judged by c(s v) / s^2, a form of R(s v) / s and v, which
-`rays.py` bounds without 0/0; all others by c itself.
+Boxes that begin at s = 0 are judged by c(s v) / s^2, a form of R(s v) / s and v, which
+`rays.py` bounds without 0/0; all other boxes by c itself.
 """
 
 from __future__ import annotations
@@ -117,17 +117,18 @@ def _added(terms: Sequence[Model]) -> Model:
 class DecreaseTask:
     """c(e) < 0 for 0 < V(e) <= alpha, and for all times in an interval if one is given.
 
-    The coordinates are s, the entries of w but that of its face, and the time if it is
-    one; the number of a box's slab is 2 nx times the number of its piece of time, plus
-    the number of its face.
+    The coordinates are s, the entries of w except the one that is 1 or -1 on its face,
+    and the time, unless `times` is None. `slab` of a box is 2 nx times the number of
+    its piece of time, plus the number of its face of the cube.
 
     Attributes:
-        change: c to be proven, whose margin may be raised by its rounding.
-        stated: c as the file states it, which counterexamples must refute.
+        change: c to be proven; its margin may be raised by a bound of its own rounding.
+        stated: c as the file states it: a counterexample must have c >= 0 by this one.
         alpha: Level of the ellipsoid.
         T: Coordinates of each piece of time, shape (pieces, nx, nx).
         delta: Upper bounds of |T'PT - I|, below 1, shape (pieces,).
-        times: Ends of the pieces of time, shape (pieces + 1,); None if it is fixed.
+        times: Ends of the pieces of time, shape (pieces + 1,); None if the time is
+            fixed.
     """
 
     change: Change
@@ -251,7 +252,8 @@ def quadratic_forms(change: Change, T: Array, times: Array | None) -> Array:
     Args:
         change: c.
         T: Coordinates, shape (pieces, nx, nx).
-        times: Ends of the pieces of time, whose middles count; None if it is fixed.
+        times: Ends of the pieces of time, shape (pieces + 1,), at the middles of which
+            c is taken; None if the time is fixed.
     """
     pieces, n = T.shape[:2]
     zero = np.zeros(pieces)

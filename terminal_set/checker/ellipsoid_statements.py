@@ -1,9 +1,9 @@
-"""The statements on V(e) = e'Pe: in closed form, at a point, and for the search.
+"""The statements on V(e) = e'Pe, checked by formulas or stated for a search of boxes.
 
   matrices         P is symmetric and positive definite, Q_m semidefinite
   bounds           on e'Pe <= alpha the largest |K_i e| is sqrt(alpha K_i P^-1 K_i'),
-                   the largest |e_j| is sqrt(alpha (P^-1)_jj). Between samples the set
-                   grows by sqrt(growth) + c at most
+                   the largest |e_j| is sqrt(alpha (P^-1)_jj). Between samples both
+                   grow at most by the factor sqrt(growth) + c
   continuous       c(e) = 2 e'P R(e) + e'Q_m e + 2 a V(e)
   held             c(e) = V(R(e)) - V(e) + e'Q_m e + (2 c + c^2) V(e)
   between samples  c(e) = V(R_t(e)) - growth V(e), for every t in [0, dt]
@@ -55,7 +55,7 @@ def change_of(
     Args:
         certificate: The statements of the file.
         deadline: Time at which every evaluation of the motion stops.
-        is_raised: Whether the margin is raised by its rounding, as proofs need it.
+        is_raised: Whether a bound of the margin's rounding is added, as proofs need it.
     """
     P = exact(certificate.P)
     Q_m = reserve(certificate) if is_raised else exact(certificate.Q_m)

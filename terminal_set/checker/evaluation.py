@@ -1,7 +1,8 @@
-"""A tape without controls, evaluated with Taylor models, elementary functions included.
+"""Evaluation of a tape with Taylor models, elementary functions included.
 
-The same functions serve models of values, and of values along rays (`rays.py`): each
-elementary function gives its Taylor series about a number (`models.Series`).
+A tape is a list of instructions, of which each computes a value from earlier values.
+The same functions evaluate models of values, and values along rays (`rays.py`): each
+elementary function returns its Taylor series about a number (`models.Series`).
 
 NumPy's exp, log, sqrt, sin, cos and arctan are assumed to be right to 16 units in the
 last place of the result's size (of 1 for sin and cos, so that cancellation does not

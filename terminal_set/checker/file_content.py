@@ -1,4 +1,4 @@
-"""Reader of certificate files: bounded in size, JSON, its digest compared, its entries.
+"""Reader of certificate files: limits of size, the digest, and entries of the JSON.
 
 Every entry is a number, a list or one of a few known words; nothing is executed.
 

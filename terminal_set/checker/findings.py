@@ -1,4 +1,4 @@
-"""Findings of the checker, one for each statement, and the time by which it ends."""
+"""Findings of the checker, one for each statement, and the deadline of its work."""
 
 from __future__ import annotations
 

@@ -199,7 +199,7 @@ class Model:
         return self.algebra.constant(0.0 * self.error + value, error)
 
     def scaled(self, factor: Array | float, off: float = 0.0) -> Model:
-        """The model times a float known to within `off`, of each box if an array."""
+        """The model times a float known to within `off`; arrays hold one per box."""
         size = np.abs(factor)
         error = (size * self.error + ROUNDING * size * self.size) * GROWTH + TINY
         scaled = Model(self.algebra, self.coefficients * factor, error)
@@ -240,7 +240,7 @@ class Model:
         return total.widened(error + TINY * rho**ORDER)
 
     def shifted(self, constant: Array | float, error: Array | float = 0.0) -> Model:
-        """The model plus a float known to within an error, of each box if arrays."""
+        """The model plus a float known to within an error, or arrays of one per box."""
         moved = self.coefficients.copy()
         moved[0] += constant
         rounded = ROUNDING * (np.abs(constant) + np.abs(self.coefficients[0]))

@@ -8,16 +8,17 @@ computed in Taylor models, in which the motion of the reference (15 m/s, for exa
 cancels but for rounding.
 
 The reference may move in states for which the file states a velocity: f must not depend
-on them, they must have no bounds, and f must have that velocity there. In all others it
-rests, up to rounding. Let r = f(x_ref, u_ref) there, d the motion by it over a hold,
+on these states, they must have no bounds, and their rates in f must be that velocity.
+In all other states the reference rests, up to rounding. Let r be the rates
+f(x_ref, u_ref) of these others (0 elsewhere), d the motion by r over a hold,
 D = |r|_P or |d|_P, |e|_P^2 = e'Pe and a >= D / sqrt(core). Then for V(e) >= core
 
   continuous   the drift adds 2 e'Pr <= 2 a V(e) to V'
   held         |R(e) + d|_P <= |R(e)|_P + a |e|_P
-so the decrease is proven with this amount in reserve, and then no trajectory crosses
-V = core from within either. A file states core and a; the core must be negligible
-compared with the set. It is computed in the balls of Arb (Johansson (2017), IEEE Trans.
-Computers 66(8)), with so many bits that what rests moves by 0 exactly.
+so the decrease is proven with this amount in reserve; no trajectory crosses V = core
+from within either. A file states core and a; the core must be negligible compared with
+the set. The drift is computed in the balls of Arb (Johansson (2017), IEEE Trans.
+Computers 66(8)), with so many bits that a reference at rest moves by 0 exactly.
 """
 
 from __future__ import annotations
@@ -71,7 +72,7 @@ class RelativeMotion:
     """
 
     def __init__(self, certificate: Certificate, deadline: Deadline = NEVER) -> None:
-        """Keep the live part of the tape."""
+        """Keep those instructions of the tape that the rates of the states need."""
         self.certificate = certificate
         self.held = certificate.dt is not None
         self._program = program_of(certificate, deadline)
@@ -80,7 +81,7 @@ class RelativeMotion:
     def run(
         self, e: Sequence[Enclosure], time: Value | None, steps: int | None = None
     ) -> list[Enclosure]:
-        """Return the rate or the map at x_ref + e, the reference's own included.
+        """Return the rate or the map at x_ref + e; the reference's is not subtracted.
 
         Args:
             e: State relative to the reference, shape (nx,).

@@ -8,8 +8,8 @@ a(0) = c + delta for a number c,
                            + remainder,
 
 |remainder| <= 4 last (|delta| + |h|)^3 by the mean-value theorem, since the remainder
-of the series of g about c has a slope of at most 4 last |x - c|^3 at x. So what divides
-a quadratic form of a motion by rho^2 stays exact at the origin.
+of the series of g about c has a slope of at most 4 last |x - c|^3 at x. So a quadratic
+form of a motion, divided by rho^2, is enclosed at the origin as well.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ class Along:
         return Along(self.at.number(value, error), self.at.number(0.0), self.rho)
 
     def scaled(self, factor: Array | float, off: float = 0.0) -> Along:
-        """The value times a float known to within `off`, of each box if an array."""
+        """The value times a float known to within `off`; arrays hold one per box."""
         at, slope = self.at.scaled(factor, off), self.slope.scaled(factor, off)
         return Along(at, slope, self.rho)
 

@@ -40,8 +40,8 @@ class Boxes:
     Attributes:
         lower: Lower corners, shape (d, N).
         upper: Upper corners, shape (d, N).
-        slab: Number of a slab of the tube for each box, (N,); used for the tube's faces
-            only.
+        slab: A number that the task gives to each box, (N,): on faces of a tube, that
+            of the interval of times; on an ellipsoid, see `DecreaseTask`.
     """
 
     lower: Array
@@ -135,8 +135,8 @@ class Outcome:
     Attributes:
         proven: Whether the inequality holds everywhere.
         boxes: Number of boxes it took.
-        counterexample: Point (t, x) at which it certainly fails; None if none was
-            found.
+        counterexample: Point (t, x), or state e of an ellipsoid, at which the
+            inequality certainly fails; None if none was found.
         remark: Reason why the proof is open; empty otherwise.
     """
 
@@ -238,7 +238,7 @@ class Task(Protocol):
         ...
 
     def shown(self, points: Boxes) -> tuple[float, ...]:
-        """Return the first point, (t, x)."""
+        """Return the first point as reports show it: (t, x), or e of an ellipsoid."""
         ...
 
 

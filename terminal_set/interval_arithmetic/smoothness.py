@@ -79,7 +79,7 @@ class NotSmoothError(SwarmstartError, ValueError):
 
 
 class Kinks:
-    """The boxes in which a function has kinks and cuts."""
+    """A test of boxes for the kinks and cuts of a function."""
 
     def __init__(self, function: ca.Function) -> None:
         """Collect the operations that have kinks or cuts.

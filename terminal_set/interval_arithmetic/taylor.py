@@ -312,7 +312,7 @@ class Cells:
 
     Attributes:
         z: A point of each cell, to expand about, (nx, m).
-        reach: Distance from there to the ends of the cell along each axis, (nx, m).
+        reach: Distance from `z` to the ends of the cell along each axis, (nx, m).
         z_middle: Middle of the box around each cell, (nx, m).
         z_reach: Half widths of that box, (nx, m).
         half: Half the widths of the boxes, (1 + nx, m).

@@ -1,17 +1,19 @@
 """The ellipsoid e'Pe <= alpha around a reference, and the level that its bounds allow.
 
-It is the terminal region Omega = {e : e'Pe <= alpha} (5.8). With P = LL',
-e = sqrt(alpha) L^-T d maps the unit ball of d onto it; its extent along axis j is
-sqrt(alpha (P^-1)_jj), and its shadow on a plane of two axes is the ellipse of the
-inverse of that block of P^-1.
+It is the terminal region Omega = {e : e'Pe <= alpha}, (5.8) of the chapter
+(docs/chapter). With P = LL', e = sqrt(alpha) L^-T d maps the unit ball of d onto the
+ellipsoid; its extent along axis j is sqrt(alpha (P^-1)_jj), and its shadow on a plane
+of two axes is the ellipse e'Se <= alpha of these two, with S the inverse of their block
+of P^-1.
 
 On the ellipsoid a row F_i e reaches at most sqrt(alpha F_i P^-1 F_i'). So the largest
 level that keeps the bounds |F_i e| <= g_i is
 
     alpha = min_i g_i^2 / (F_i P^-1 F_i').
 
-F = K and g = u_max is the input bound, (5.14) corrected; F = I and g = e_max the state
-bound. The ellipsoid is symmetric, so the nearer one of two unequal bounds counts.
+F = K and g = u_max is the input bound, the chapter's (5.14) corrected; F = I and
+g = e_max the state bound. The ellipsoid is symmetric, so the nearer one of two unequal
+bounds counts.
 
 Such a level keeps the bounds of inputs and states only. That e'Pe also decreases under
 the nonlinear dynamics is a further condition, which is not checked here.
@@ -259,8 +261,8 @@ class Reference:
     """A reference state and input inside their bounds; arrays copied and read-only.
 
     Attributes:
-        x_ref: Reference state, shape (nx,), SI units; of a reference that moves, that
-            at time 0.
+        x_ref: Reference state, shape (nx,), SI units; its value at time 0 if the
+            reference moves.
         u_ref: Reference input, shape (nu,).
         u_lower: Lower bounds of the input, shape (nu,); -inf if missing.
         u_upper: Upper bounds of the input, shape (nu,); inf if missing.
@@ -319,12 +321,12 @@ class Reference:
 
     @property
     def u_max(self) -> Array:
-        """Room of each input around u_ref, the nearer bound, shape (nu,), > 0."""
+        """Distance of each input of u_ref from the nearer bound, shape (nu,), > 0."""
         return smaller_side("u_ref", self.u_ref, lower=self.u_lower, upper=self.u_upper)
 
     @property
     def e_max(self) -> Array:
-        """Room of each state around x_ref, the nearer bound, shape (nx,), > 0."""
+        """Distance of each state of x_ref from the nearer bound, shape (nx,), > 0."""
         nowhere = np.full(self.x_ref.shape, np.inf)
         lower = -nowhere if self.x_lower is None else self.x_lower
         upper = nowhere if self.x_upper is None else self.x_upper
@@ -332,7 +334,9 @@ class Reference:
 
 
 def level_from_inputs(K: ArrayLike, P: ArrayLike, u_max: ArrayLike) -> float:
-    """Compute the largest level that keeps |K e| <= u_max: (5.14), corrected.
+    """Compute the largest level that keeps |K e| <= u_max: the chapter's (5.14).
+
+    The formula is the corrected one; that of the chapter has P in place of P^-1.
 
     Args:
         K: Gain, shape (nu, nx).
@@ -384,7 +388,8 @@ def input_excess(K: ArrayLike, P: ArrayLike, alpha: float, u_max: ArrayLike) -> 
         K: Gain, shape (nu, nx).
         P: Shape of the ellipsoid, (nx, nx), symmetric positive definite.
         alpha: Its level, > 0.
-        u_max: Room of each input around its reference, shape (nu,), > 0.
+        u_max: Room of each input around its reference (see `smaller_side`), shape
+            (nu,), > 0.
 
     Returns:
         max over the set of |K_i e| / u_max_i = sqrt(alpha K_i P^-1 K_i') / u_max_i,

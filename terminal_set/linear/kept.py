@@ -1,10 +1,10 @@
-"""Solutions of matrix equations that are kept on disk, and checked when they are used.
+"""Solutions of matrix equations, stored on disk and checked whenever they are used.
 
 To import python-control and SciPy takes seconds, to check a solution microseconds. So a
-solution is kept in the cache of machine code (`code_cache.py` says which files are
-trusted), under a key of the numbers and versions that it was computed from. A kept
-solution is used only if it solves its equation, which is evaluated anew; any other one
-is computed again, by python-control or SciPy.
+solution is stored in the cache of machine code (`code_cache.py` says which files are
+trusted), under a key of the numbers and versions that it was computed from. A stored
+solution is used only if it solves its equation, which is evaluated anew; otherwise the
+solution is computed again, by python-control or SciPy.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ def kept(
     solve: Callable[[], Solution],
     solves: Callable[[Solution], bool],
 ) -> Solution:
-    """Return a kept solution that solves its equation, or a new one.
+    """Return a stored solution that solves its equation, or else compute a new one.
 
     Args:
         name: Name of the equation.

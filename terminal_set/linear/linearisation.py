@@ -9,7 +9,8 @@ e' = f(x_ref + e, u_ref + du) - f(x_ref, u_ref). It has its equilibrium at e = 0
 f(x_ref, u_ref), if the Jacobian does not change along the reference (f must not depend
 on positions; v_L and psi_L stay constant).
 
-Source: the held system by Van Loan, IEEE Trans. Automatic Control 23 (1978).
+Source: (5.9) of the chapter (docs/chapter); the held system by Van Loan, IEEE Trans.
+Automatic Control 23 (1978).
 """
 
 from __future__ import annotations
@@ -62,11 +63,11 @@ class InvalidDynamicsError(SwarmstartError, ValueError):
 def linearise(
     dynamics: ca.Function, x_ref: ArrayLike, u_ref: ArrayLike
 ) -> tuple[Array, Array]:
-    """Linearise the motion relative to a reference (5.9).
+    """Linearise the motion relative to a reference.
 
     Args:
         dynamics: f(x, u) -> xdot as a casadi.Function, SI units. Its value at the
-            reference need not be zero, see the head of this module.
+            reference need not be zero, see the module's docstring.
         x_ref: Reference state, shape (nx,).
         u_ref: Reference input, shape (nu,).
 

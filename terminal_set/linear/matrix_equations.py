@@ -6,23 +6,24 @@ Linear-quadratic regulators, with du = -K e:
     sampled     min sum e'Qe + du'R du      A'P(A - BK) - P + Q = 0,
                                             K = (R + B'PB)^-1 B'PA
 
-The chapter writes the feedback as u = K x (5.10), so its K is the negative of this one.
+The chapter (docs/chapter) writes the feedback as u = K x (5.10), so its K is the
+negative of this one.
 
 Lyapunov matrices, for which e'Pe decreases along a stable loop by exactly e'Qe:
 
-    continuous  F'P + PF = -Q      (5.12), corrected
+    continuous  F'P + PF = -Q      the chapter's (5.12), corrected
     sampled     F'PF - P = -Q
 
 Along e' = F e the function e'Pe changes at the rate e'(F'P + PF)e, so the first is the
-equation to solve. With F = A - B K and Q* = Q + K'RK of an LQR, it gives the Riccati
-matrix back.
+equation to solve. With F = A - B K and Q* = Q + K'RK of an LQR, its solution is the
+Riccati matrix.
 
-python-control solves all of them, or has solved them before (`kept.py`), always with
-method="scipy": with slycot installed its default would be another solver with other
-errors. It returns a matrix even if no useful one exists: for a unicycle at rest and
-Q = 0 a "gain" that leaves a mode at modulus 1, for an unstable loop a negative definite
-P. So the conditions for a gain or a P to exist are tested before, and the residual of
-every solution is checked after.
+python-control solves all equations, now or in an earlier process (`kept.py`), always
+with method="scipy": if slycot is installed, the default of python-control is another
+solver with other errors. python-control returns a matrix even if no useful one exists:
+for a unicycle at rest and Q = 0 a "gain" that leaves a mode at modulus 1, for an
+unstable loop a negative definite P. So the conditions for a gain or a P to exist are
+tested before, and the residual of every solution is checked after.
 """
 
 from __future__ import annotations
@@ -230,7 +231,7 @@ def _is_small(residual: Array, size: float) -> bool:
 
 
 def continuous_lyapunov(F: ArrayLike, Q: ArrayLike) -> Array:
-    """Solve F'P + PF = -Q, the corrected form of (5.12).
+    """Solve F'P + PF = -Q, the corrected form of the chapter's (5.12).
 
     Args:
         F: Stable loop e' = F e, shape (nx, nx), 1/s.

@@ -34,7 +34,7 @@ class TimeDomain:
 
     Attributes:
         name: "continuous" or "sampled".
-        measure: Name of the growth of a loop.
+        measure: Name of the growth of a loop, such as "spectral radius".
         growth: Function: eigenvalues -> growth of each.
         boundary: Growth of a mode that neither decays nor grows.
         limit: Growth below which a loop counts as stable.
@@ -92,8 +92,8 @@ class NotStabilisableError(SwarmstartError, ValueError):
     """Some modes do not decay by themselves and no input reaches them.
 
     Attributes:
-        modes: The eigenvalues of these modes, shape (number,). An eigenvalue that lacks
-            several directions is listed once for each of them.
+        modes: The eigenvalues of these modes, shape (number,). An eigenvalue with
+            several such directions is listed once for each of them.
         directions: For each mode the combination of states that no input moves, a
             column of unit length, shape (nx, number).
     """
@@ -114,10 +114,10 @@ class UnweightedModeError(SwarmstartError, ValueError):
     """Q gives no cost to a mode on the boundary of stability: no optimal loop decays.
 
     Attributes:
-        modes: The eigenvalues of these modes, shape (number,). An eigenvalue that lacks
-            several directions is listed once for each of them.
-        directions: For each mode the state along which it moves unseen, a column of
-            unit length, shape (nx, number).
+        modes: The eigenvalues of these modes, shape (number,). An eigenvalue with
+            several such directions is listed once for each of them.
+        directions: For each mode a direction of states in which it moves at no cost, a
+            column of unit length, shape (nx, number).
     """
 
     modes: ComplexArray

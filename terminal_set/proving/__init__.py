@@ -1,4 +1,6 @@
-"""Proofs that a terminal set keeps its promise: decrease, growth, drift, flow errors.
+"""Proofs about terminal sets.
 
-`certification.py` is the way through: design, refute from above, prove from below.
+They are about the decrease of e'Pe, its growth between samples, the drift of a rounded
+reference and the integrator's error. `certification.py` takes all steps: it designs a
+set, looks for the lowest refuted level, and proves a level below it.
 """

@@ -160,7 +160,8 @@ def certified_terminal_set(
         weights: Q and R, per second, or per step for a held input; kappa.
         rng: Source of randomness of samples and of rays that look for counterexamples.
         dt: Time for which the input is held [s]; None for a continuous input.
-        options: Options of the proof; None means any decrease.
+        options: Options of the proof; None means `ProofOptions()`, for which any
+            decrease is enough.
 
     Returns:
         K, P, the largest level within the bounds that was proven, and the certificate.
@@ -209,7 +210,8 @@ def certify(
         rng: Source of randomness of samples and of rays that look for counterexamples.
         dt: Time for which the input is held [s], even if the design is continuous; None
             for a continuous input.
-        options: Options of the proof; None means any decrease.
+        options: Options of the proof; None means `ProofOptions()`, for which any
+            decrease is enough.
 
     Returns:
         The design with the proven level, dt and the certificate.
@@ -219,7 +221,8 @@ def certify(
             bounds or that the dynamics depend on.
         HeldTooLongError: If the law is unstable with an input held for dt.
         TooFewSubstepsError: If the Runge-Kutta map of a hold is too far from the flow.
-        NotSmoothError: If the dynamics have no second derivatives at the reference.
+        NotSmoothError: If the dynamics jump at the reference, or their derivatives are
+            unbounded there; a kink, as that of fabs, is allowed.
         UnknownIntervalOperationError: If they have an operation without interval form.
         UnprovenSetError: If no level could be proven.
         NotPositiveError: If no bound limits the level.

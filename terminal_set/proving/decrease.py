@@ -7,8 +7,8 @@ with x+ = F(x, u) the state after dt with u held. V decreases with the margin Q_
 c(e) < 0. Q_m = 0 requires any decrease. Q_m = Q + K'RK makes V a bound of the cost to
 go; this needs kappa > 0 in P, since the Riccati P leaves no margin in the linear part.
 
-As everywhere here, the motion is relative to the reference (linearisation.py), so
-f(x_ref, u_ref) need not be zero.
+As in all proofs of this folder, the motion is relative to the reference
+(`linearisation.py`), so f(x_ref, u_ref) need not be zero.
 """
 
 from __future__ import annotations

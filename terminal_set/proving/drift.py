@@ -1,10 +1,10 @@
 """Checks before a proof: the reference rests, and a held loop is stable and accurate.
 
-A reference rests, or it moves in states that it declares, with a velocity v: f does not
-depend on these and they have no bounds, and deviations are relative to the reference
-that moves as f says. It is given in floats, so that f(x_ref, u_ref) = r need not be 0
-in the other states. The motion is the relative one (`decrease.py`) plus a drift, with
-|e|_P the root of e'Pe:
+A reference rests, or it moves in states for which it states a velocity: f does not
+depend on these states, they have no bounds, and deviations are relative to the
+reference that moves as f says. A reference is given in floats, so that the rates
+r = f(x_ref, u_ref) of the other states need not be 0. The motion is the relative one
+(`decrease.py`) plus a drift, with |e|_P the root of e'Pe:
 
     continuous   e' = R(e) + r           V' <= c(e) + 2 |r|_P |e|_P
     held         e+ = R(e) + d           |e+|_P <= |R(e)|_P + |d|_P
@@ -80,7 +80,7 @@ class NotAnEquilibriumError(SwarmstartError, ValueError):
     Attributes:
         entries: Entries of x_ref that move although no velocity is stated for them.
         rates: Rates of these entries, from f(x_ref, u_ref).
-        core: Level of the core that this motion leaves undecided.
+        core: Level of e'Pe up to which this motion may cancel the decrease.
         level: Level of the set.
     """
 
@@ -121,7 +121,9 @@ class Drift:
     relative: float
 
     def core_of(self, alpha: float) -> float:
-        """Return the level of the core of a set; 0 for an exact equilibrium.
+        """Return the level up to which the drift may cancel a set's decrease.
+
+        It is the level of the core, 0 for an exact equilibrium.
 
         Raises:
             NotAnEquilibriumError: If the core is too large compared with the set.
@@ -140,8 +142,8 @@ class ReferenceMotion:
     Attributes:
         entries: States that move although they should rest.
         rates: f(x_ref, u_ref) of them.
-        bound: Upper bounds of |f| there, rounding included; 0 for the states that are
-            declared to move, shape (nx,).
+        bound: Upper bounds of |f| at the reference, rounding included; 0 for the states
+            that have a stated velocity, shape (nx,).
     """
 
     def __init__(self, dynamics: ca.Function, reference: Reference) -> None:
@@ -208,7 +210,7 @@ class ReferenceMotion:
 
 
 def exact_rates(dynamics: ca.Function, reference: Reference) -> list[Fraction | None]:
-    """Return f(x_ref, u_ref) in fractions; None for a rate that has none or takes long.
+    """Return f(x_ref, u_ref) as fractions; None for other rates, and for long ones.
 
     Intervals widen each result, and so cannot show that a reference is exactly at rest.
 

@@ -1,24 +1,24 @@
 """Proof of a bound of the Runge-Kutta map's error against the flow, over a hold.
 
 The curve p of the map (`residual.py`) and the flow x from the same state differ by
-d = p - x. So does the reference's own curve, by d_0, and with D = d - d_0
+d = p - x. From the reference itself, curve and flow differ by d_0, and with D = d - d_0
 
     D' = A D + B + r(e) - r(0),   A = f_x somewhere within |d| and |d_0| of p,
 
-where B = O(d_0) e is the small effect of the reference's curve not being a motion
-either. With |r4(e) - r4(0)|_P <= R(q) |e|_P, the residual at s is at most the integral
-of (s - q)^3 / 6 R(q) |e|_P over q from 0 to s. On a piece of time of length d, let m be
+where B = O(d_0) e is small: it would be 0 if the reference's curve were a solution of
+x' = f. With |r4(e) - r4(0)|_P <= R(q) |e|_P, the residual at s is at most the integral
+of (s - q)^3 / 6 R(q) |e|_P over q from 0 to s. On a piece of time of length l, let m be
 a bound of the logarithmic norm of T^-1 A T, the fastest growth rate of a vector under
-A. Then |D|_P is at most
+A. Then |D|_P at the end of the piece is at most
 
-    e^(m d) |D|_P + e^(max(m, 0) d) (r + b d) |e|_P
+    e^(m l) |D|_P + e^(max(m, 0) l) (r + b l) |e|_P
 
-at its end, with r that residual integrated over the piece and b a bound of B. R and m
-are proven by interval branch and bound over the whole ellipsoid. R uses the mean-value
-theorem, so that |r4(e) - r4(0)| / |e| is bounded, the origin included. A is taken over
-a tube around p. That x stays in this tube follows from the bound itself: it is below
-the tube's radius until the first time at which x would leave the tube, so there is no
-such time.
+with |D|_P at its beginning, r the bound of the residual integrated over the piece, and
+b a bound of B. R and m are proven by interval branch and bound over the whole
+ellipsoid. R uses the mean-value theorem, so that |r4(e) - r4(0)| / |e| is bounded, the
+origin included. A is taken over a tube around p. That x stays in this tube follows from
+the bound of |D|_P itself: the bound is below the tube's radius until the first time at
+which x would leave the tube, so there is no such time.
 
 Source: Dahlquist (1959), Stability and error bounds in the numerical integration of
 ordinary differential equations; Hairer, Norsett and Wanner (1993), I.10, theorem 10.6.
@@ -87,7 +87,7 @@ def prove_flow_error(
         alpha: Level of the ellipsoid, > 0.
         enough: A bound c that is tight enough, > 0.
         useless: A bound that is too large to be useful: above it, the proof stops.
-        until: Reading of the clock of work at which the proof stops.
+        until: Value of `now()` (machine_code/clocks.py) at which the proof stops.
     """
     search = ErrorSearch(residual, alpha, until)
     with np.errstate(all="ignore"):

@@ -172,8 +172,9 @@ class HoldBounds:
     """Limits of a level other than the decrease.
 
     Attributes:
-        inputs: The level of the bounds of the inputs.
-        states: The level of the bounds of the states, at all times.
+        inputs: Largest level at which the inputs keep their bounds.
+        states: Level of e'Pe up to which the states keep their bounds; it limits e'Pe
+            at all times of a hold.
         drift: Relative drift of the reference, a fraction of |e|_P (`drift.py`).
     """
 
@@ -211,15 +212,15 @@ def provable_hold(
     rng: np.random.Generator,
     until: float,
 ) -> ProvableHold:
-    """Return the margins, and the largest level at which they are affordable.
+    """Return the margins, and the largest level at which they leave some decrease.
 
     Args:
         motion: The motion.
         change: c of its map, without the margins of integrator and drift.
-        bounds: Levels of the bounds.
+        bounds: Levels up to which inputs and states keep their bounds, and the drift.
         rng: Source of randomness of samples and rays.
-        until: Reading of the clock of work at which proofs of the integrator's error
-            stop.
+        until: Value of `now()` (machine_code/clocks.py) at which proofs of the
+            integrator's error stop.
 
     Raises:
         UnprovenSetError: If no level can be proven.
@@ -326,13 +327,14 @@ def prove_growth(
     *,
     work: float = 60.0,
 ) -> Proof:
-    """Try to prove that e'Pe stays below g times itself during a hold.
+    """Try to prove that e'Pe stays below g times its first value during a hold.
 
     Args:
         hold: The motion over a hold, and P.
         alpha: Level of the ellipsoid, > 0.
         growth: g, above 1.
-        work: Budget, in units of the clock of work; outside of `working`, in seconds.
+        work: Budget [s]; in a `working` block (`machine_code/clocks.py`), in units of
+            work, each of about a second.
 
     Raises:
         UnknownIntervalOperationError: If the motion has an operation without interval

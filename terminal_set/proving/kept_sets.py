@@ -76,7 +76,7 @@ def key_of_set(
         dynamics: f(x, u) -> xdot.
         reference: Reference and bounds.
         design: The law and P.
-        stated: Hold and options, as values whose `repr` is exact.
+        stated: Time of a hold and the options, as values whose `repr` is exact.
         rng: Generator in the state before the proof.
     """
     numbers = [getattr(reference, one.name) for one in fields(reference)]
@@ -146,9 +146,9 @@ def load_set(  # noqa: PLR0913 - what a certificate is about
     substeps: int,
     rng: np.random.Generator,
 ) -> TerminalSet | None:
-    """Return a kept set that passes all checks; None if there is none.
+    """Return the set kept under a key if it passes all checks; else None.
 
-    The generator is then in the state after the proof.
+    If a set is returned, `rng` is left in the state that it had after the proof.
     """
     kept = load_code(key)
     if kept is None or not _is_plain(rng):

@@ -3,8 +3,8 @@
     bounds     the requested level is tried first: it is proven, or a counterexample met
     refuted    the nearest counterexample, of the proof or of a search for it, is an
                upper limit of all levels that can be proven
-    downwards  fractions of that, until one is proven: the model may be undefined, or
-               have thin features that samples miss
+    downwards  fractions of that limit, until one is proven: the model may be undefined,
+               or have thin features that samples miss
     upwards    levels between the highest proven and the lowest unproven one
 
 until the two are within TIGHT of each other or time is up. A level counts as unproven
@@ -93,8 +93,8 @@ def proven_level(
         change: Change from `continuous_change` or `held_change`.
         alpha_max: The requested level, > 0: that of the bounds.
         rng: Source of randomness of the rays that look for a counterexample.
-        work: Budget for all proofs together, in units of the clock of work; outside of
-            `working`, in seconds.
+        work: Budget for all proofs together [s]; in a `working` block
+            (`machine_code/clocks.py`), in units of work, each of about a second.
 
     Returns:
         The requested level if it is proven, else the largest one that was; unproven if
@@ -212,10 +212,10 @@ class Candidate:
     """One design of a family.
 
     Attributes:
-        scale: The scalar in its weights.
+        scale: The number from which `design` made it, such as a factor of the weights.
         terminal_set: The design, with the proven level; with the level of its bounds if
             none was proven.
-        level: The proven and the refuted level.
+        level: Outcome of the search for the largest level that can be proven.
         size: Size of the proven set; minus infinity if none was proven.
     """
 
@@ -230,7 +230,7 @@ def log_volume(ellipsoid: Ellipsoid) -> float:
     """Compute the logarithm of an ellipsoid's volume, relative to the unit ball's.
 
     Args:
-        ellipsoid: {e : e'Pe <= alpha}; log sqrt(alpha^nx / det P) of it.
+        ellipsoid: The set e'Pe <= alpha; the result is log sqrt(alpha^nx / det P).
     """
     _, log_determinant = np.linalg.slogdet(ellipsoid.P)
     return float(len(ellipsoid.P) * np.log(ellipsoid.alpha) - log_determinant) / 2
@@ -256,11 +256,12 @@ def largest_proven_set(
     """Rank the designs of a family by the size of their proven sets.
 
     Args:
-        design: The design at a scale, with the level of its bounds.
-        change: c of a design (`decrease.py`).
+        design: Function: scale -> terminal set, with the level that its bounds allow.
+        change: Function: terminal set -> its change c, from `continuous_change` or
+            `held_change`.
         scales: The scales to try.
         rng: Source of randomness of the rays that look for counterexamples.
-        size: Proven ellipsoid -> its size.
+        size: Function: proven ellipsoid -> its size.
         work: Budget of work for the proofs of one design, in units of about a second.
 
     Returns:

@@ -82,7 +82,8 @@ def prove_level(
         change: Change from `continuous_change` or `held_change`.
         alpha: Level of the ellipsoid, > 0.
         max_boxes: Largest number of boxes.
-        work: Budget, in units of the clock of work; outside of `working`, in seconds.
+        work: Budget [s]; in a `working` block (`machine_code/clocks.py`), in units of
+            work, each of about a second.
 
     Returns:
         The outcome. If it is not proven and has no counterexample, the level is open.
@@ -142,7 +143,7 @@ class Limits:
 
     Attributes:
         max_boxes: Largest number of boxes.
-        until: Reading of the clock of work at which it stops.
+        until: Value of `now()` (machine_code/clocks.py) at which a search stops.
     """
 
     max_boxes: int
@@ -242,8 +243,8 @@ def refuted_level(
 
     Args:
         change: Change from `continuous_change` or `held_change`.
-        alpha_max: Largest level of the search, > 0; if the nearest counterexample is
-            much nearer, the search is repeated around it.
+        alpha_max: Largest level of the search, > 0; if a counterexample is much nearer,
+            the search is repeated up to about its level, with finer steps.
         rng: Source of the rays' directions.
 
     Returns:

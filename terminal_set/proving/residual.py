@@ -66,7 +66,8 @@ class Residual:
         substeps: Number of steps n.
         h: Length of a step [s].
         T: Matrix T of e = T z, shape (nx, nx).
-        off: A bound of |T'PT - I| and |S T - I|, with S the inverse of T, by rounding.
+        off: A bound of the rounding errors |T'PT - I| and |S T - I|, with S the
+            computed inverse of T.
     """
 
     def __init__(
@@ -156,7 +157,7 @@ class Residual:
 
         Args:
             start: Beginning of the step.
-            times: First and last time from there [s].
+            times: First and last time, from the beginning of the step on [s].
 
         Returns:
             r4, columns; its slopes, matrices.
@@ -173,7 +174,7 @@ class Residual:
 
         Args:
             start: Beginning of the step.
-            times: First and last time from there [s].
+            times: First and last time, from the beginning of the step on [s].
             tube: The radius of the tube, in |z|.
 
         Returns:

@@ -1,1 +1,1 @@
-"""Cells of work in processes of their own, on this machine or on a cluster."""
+"""Cells, the units of work of a campaign, in processes on this machine or a cluster."""

@@ -1,4 +1,4 @@
-"""Keys of cells: hashes of all that determines a result.
+"""Keys of cells, the units of work of a campaign: hashes of all that a result needs.
 
     key = hash(work, job, versions of packages, source of the code that the job uses)
 

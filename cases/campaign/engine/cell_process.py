@@ -1,7 +1,7 @@
-"""A process for cells, kept from one to the next, and replaced when it dies.
+"""A process that works on one cell after another, and is replaced when it dies.
 
 The process is connected by its standard input and output only. Thus a command can start
-it, or a worker of Dask, whose processes can have no children of `multiprocessing`.
+one, and so can a worker of Dask, a process that can have no `multiprocessing` children.
 Nothing is pickled.
 """
 
@@ -83,7 +83,7 @@ class CellProcess:
         self._is_stopped = False
 
     def done(self, order: Order) -> dict[str, Any]:
-        """Return the reply to an order: its `content`, and `files` if they are sent.
+        """Return the reply to an order: `content`, and `files` if they are sent back.
 
         A cell whose process dies is tried once more. If the hard limit ended the work,
         the cell's `rescue` finishes the cell.

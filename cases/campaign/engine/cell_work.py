@@ -3,9 +3,10 @@
     {"work": ..., "job": ..., "key": ..., "folder": ...}  ->  {"content": ...}
 
 Orders and replies are lines of JSON on the process's standard input and output; output
-that the work prints goes to standard error. `content` is the content of the cell's
-mark, with the machine that did it, but without data about its owner. The process ends
-when its input ends, thus also when its parent process has ended.
+that the work prints goes to standard error. `content` is what the cell's mark, its file
+`cell.json`, contains: the result and the machine, without data about the machine's
+owner. The process ends when its input ends, thus also when its parent process has
+ended.
 """
 
 from __future__ import annotations

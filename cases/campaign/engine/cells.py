@@ -4,11 +4,11 @@ A cell is a piece of work that a few plain data determine: their hash is its key
 name of its folder. The file `cell.json` in it is written last and marks a complete
 cell. So the next call continues a campaign that was interrupted or killed.
 
-Each worker is a process with one BLAS thread, which is kept from cell to cell with the
-functions that it has built. If a worker dies, only its own cell is lost, and is tried
-once more. A failed cell is recorded with the reason, and the other cells are kept. If a
-cell failed because its process died, or because it took too long, the next campaign
-tries it again. Workers end together with the command.
+Each worker is a process with one BLAS thread. It does one cell after another, and keeps
+the functions that it has built. If a worker dies, only its own cell is lost, and is
+tried once more. A failed cell is recorded with the reason, and the other cells are
+kept. If a cell failed because its process died, or because it took too long, the next
+campaign tries it again. Workers end together with the command.
 
 Workers run on this machine, or on a cluster of Dask (`dask_cells.py`), which sends
 results back. The marks are written here in both cases.
@@ -69,8 +69,8 @@ class Cell:
         permissions: Further arguments of the work: permissions of the current command.
             They change no result, are in no key, and are not kept.
         rescue: "module:function" that is called instead if a hard limit
-            (`wall_limit.py`) has ended the work; if it is empty, the cell has failed
-            then.
+            (`wall_limit.py`) has ended the work; if it is empty, the cell then counts
+            as failed.
     """
 
     work: str
@@ -191,7 +191,8 @@ def carried_out(
         cells: The cells, done in this order; equal ones are done once.
         root: The folder of all cells; made if it is missing.
         workers: Number of worker processes of this machine.
-        told: Function that is called after each cell.
+        told: Function that is called at the beginning and after each cell, with the
+            number of finished cells, the number of all, and the label of the cell.
         engine: LOCAL, or the address of a scheduler of Dask, whose workers do the cells
             instead.
 
@@ -200,7 +201,7 @@ def carried_out(
         RecordError: If the folder cannot be written to.
         CodeChangedError: If the code was edited while cells were done.
         DaskError: If the cluster cannot be reached, is lost, or has other code.
-        KeyboardInterrupt: On Ctrl-C, with the number of kept cells.
+        KeyboardInterrupt: On Ctrl-C; the message has the number of finished cells.
     """
     keys = [cell.key for cell in cells]
     distinct = dict(zip(keys, cells, strict=True))

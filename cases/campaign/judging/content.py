@@ -223,7 +223,7 @@ def load_of(outcomes: Sequence[Outcome]) -> tuple[float | None, bool]:
         outcomes: Outcomes, with `load`, `machine` and `cpu_s` if known.
 
     Returns:
-        The load is None if it is not known for any run.
+        The highest load, None if no run has one; whether the machine was too busy.
     """
     loads, relative, shares = [], [], []
     for one in outcomes:

@@ -48,7 +48,7 @@ MOST_RATIO = 1e6
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Curves:
-    """Marks, targets and bootstrap weights that the solvers of a scenario share."""
+    """Marks of the effort, targets and bootstrap weights, the same for all solvers."""
 
     marks: Array
     targets: Array

@@ -40,7 +40,7 @@ def limits_of(content: Content) -> list[str]:
 
 
 def listed(names: Sequence[str], most: int = MOST_NAMED) -> str:
-    """Return names with commas and "and"; of many only the first ones, and a number."""
+    """Return names with commas and "and"; of many the first ones and "N more"."""
     if len(names) > most:
         return f"{', '.join(names[:most])} and {len(names) - most} more"
     if len(names) > 1:

@@ -1,6 +1,6 @@
 """Expected running time of solvers to a target, from the histories of their runs.
 
-    ERT(target) = effort of all runs until they reached it or ended / number that did
+    ERT(target) = effort of all runs until they reach it or end / number that reach it
 
 so that the effort of failed runs counts. A history has the best answer so far at marks
 of the effort, so that any budget and any target can be chosen afterwards. A solver's
@@ -149,7 +149,7 @@ def targets_between(best: float, worst: float, nearest: float) -> Array:
 
     Args:
         best: The best known cost.
-        worst: The highest first feasible cost of a run.
+        worst: The highest of the first feasible costs of the runs.
         nearest: The distance of the first target from `best`; above 0.
 
     Returns:

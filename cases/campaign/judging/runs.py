@@ -1,7 +1,7 @@
 """A solver on a scenario: its cells, one for each seed, and its runs read from them.
 
-A run that failed, was cut or has no feasible answer counts in all numbers. `Asked` and
-`About` are the settings of the comparison and what is known about a scenario besides.
+A run that failed, was cut or has no feasible answer counts in all numbers. `Asked` has
+the settings of the comparison, `About` what is known of a scenario from elsewhere.
 """
 
 from __future__ import annotations
@@ -182,8 +182,8 @@ class Runs:
         outcomes: Outcomes of its cells, in their order.
         results: Results of its cells; empty if a run has failed.
         costs: Verified costs; infinite if infeasible, shape (runs,).
-        evaluations: Best costs over evaluations.
-        seconds: Best costs over seconds.
+        evaluations: Best cost of each run over its number of evaluations.
+        seconds: Best cost of each run over its wall time.
     """
 
     entry: Entry

@@ -146,7 +146,7 @@ def run(
 
 
 def run_cell(job: Mapping[str, Any], folder: Path) -> dict[str, Any]:
-    """Return the measures of a run in a worker; with figures its record is kept."""
+    """Return measures of a run in a worker; if figures are drawn, keep its record."""
     resolved = resolved_again(job["settings"], job["variant"])
     finished = run(
         resolved,

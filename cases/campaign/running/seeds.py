@@ -26,8 +26,8 @@ def seeds_content(
         resolved: The scenario.
         outcomes: Outcomes of its runs (flight_trial.py), seed by seed from 0 on.
         command: The command line that repeats these runs.
-        key: Key of the run with seed 0, which tells later commands whose folder this
-            is.
+        key: Key of the run with seed 0, by which later commands recognise a folder of
+            this scenario.
     """
     settings = resolved.settings
     results = [outcome.result for outcome in outcomes]

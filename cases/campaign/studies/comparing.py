@@ -2,9 +2,9 @@
 
 A scenario is compared by its one planning problem, or by whole runs in closed loop. A
 run in closed loop needs a solver that a controller can use: a search of this package,
-IPOPT, or IPOPT from random starts. On a swarm only the rules of swarms are compared,
-and these on nothing else. Solvers that do not fit a scenario are left out of it, and
-listed as left out.
+IPOPT, or IPOPT from random starts. On scenarios of kind swarm only rules of swarms are
+compared, and rules of swarms on no other scenarios. Solvers that do not fit a scenario
+are left out of it, and listed as left out.
 
 Lower bounds have cells of their own, after all runs: a bound does not count in the
 seconds of any solver, and is kept and resumed like a run. It concerns one plan, so
@@ -367,7 +367,7 @@ def bounds_of(
     """Return the lower bound of each scenario that has one plan.
 
     Args:
-        contests: The scenarios, whose solvers have run.
+        contests: The scenarios; their solvers have run.
         outcomes: Outcomes of the solvers' cells, by their keys.
         seconds: Time for each bound [s]; None means that no bound is sought.
         carried_out: Function of cells that returns their outcomes in the same order.

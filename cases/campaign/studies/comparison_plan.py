@@ -94,7 +94,7 @@ class ComparisonPlan:
         timeout_s: Time limit of a cell [s].
         repair: Whether answers that break a constraint between the checks are solved
             again.
-        known: Best known costs by scenario, in the user's sense.
+        known: Best known costs by scenario, as the scenarios state their costs.
         bound_s: Work for a lower bound of each scenario that makes one plan, in units
             of about a second; None means that no bound is sought.
     """

@@ -59,7 +59,7 @@ class Judgement:
         reason: Reason why the trajectory is refused; empty if it is accepted.
         paragraph: Paragraph of the docs that explains the refusal; None if the
             trajectory is accepted.
-        cost: Cost along the fine path, in the sense of the problem's file.
+        cost: Cost along the finely simulated path, as the problem's file states it.
         worst: The largest excess over a limit, relative to its scale; None if there is
             none.
         best: Best known value of the problem; None if no value is known.

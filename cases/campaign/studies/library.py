@@ -153,7 +153,7 @@ class Row:
         evaluations: Median number of evaluations; None if all cells failed.
         against_first: Comparison with the first solver, in words.
         false_successes: Number of answers that the solver calls feasible although they
-            are not, or whose cost differs from the solver's.
+            are not, or whose verified cost differs from the one that it reports.
         expected_evaluations: Expected evaluations to come near the best known cost,
             with those of failed runs; None if no run comes near, or if it is not known.
     """
@@ -244,7 +244,7 @@ def run(  # noqa: PLR0913 - the options of a command
         InvalidScenarioError: If the scenario can be read but not run.
         UnknownScenarioError: If no scenario has that name.
         UnreadableFileError: If its file cannot be read.
-        YamlError: If its file is not the format.
+        YamlError: If its file is not in the scenario format.
         OccupiedFolderError: If the folder holds anything but a record of this run.
         RecordError: If a file cannot be written.
         CodeNotAllowedError: If the scenario runs a file and `allow_code` is false.
@@ -303,11 +303,11 @@ def compare(  # noqa: PLR0913 - the options of a command
     """Solve problems by several solvers and seeds under equal budgets, side by side.
 
     A scenario in closed loop, or with several agents that plan, is compared by whole
-    runs, by those of the solvers that can plan in a closed loop.
+    runs; solvers that cannot plan in a closed loop are left out.
 
     The solvers run in this process, one after another, and no result is kept. In
     contrast, `swarmstart compare` uses several processes and continues an interrupted
-    comparison. The same seeds give the same answers in both.
+    comparison. The same seeds give the same answers here and there.
 
     Args:
         problems: Scenarios, (problem, x0) or (problem, x0, known): one, a list, or a
@@ -316,8 +316,8 @@ def compare(  # noqa: PLR0913 - the options of a command
             "lshade[size=60]+ipopt", "repeated-ipopt", "solve" or "scipy-de"; one text
             can hold several with commas between. Or solvers of your own: a function
             (problem, x0, budget, rng) -> controls, the settings of a search or their
-            class (docs/own_solver.md), which a mapping can name. The first is what the
-            others are compared with.
+            class (docs/own_solver.md), which a mapping can name. The others are
+            compared with the first solver.
         seeds: Number of seeds: 0, 1, ...
         budget: Budget of one planning problem: "4000evals", "5s" or a number of
             evaluations.

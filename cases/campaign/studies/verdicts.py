@@ -156,9 +156,9 @@ def of_assumption(verdict: Verdict) -> Verdict:
 def verdict_of_parts(parts: Sequence[Verdict]) -> Verdict:
     """Return the verdict of all parts of a claim together.
 
-    Parts "shown beside" do not count. The claim is "not judged" if any part is not
-    judged. If verdicts differ, the claim holds "in part" if any part holds at least in
-    part; else it "does not hold" if any part does not.
+    Parts with the verdict "shown beside" do not count. The claim is "not judged" if any
+    other part is not judged. If verdicts differ, the claim holds "in part" if any part
+    holds at least in part; else it "does not hold" if any part does not.
     """
     judged = set(parts) - {Verdict.BESIDE}
     if Verdict.NOT_JUDGED in judged or not judged:

@@ -1,8 +1,9 @@
 """Cells of `compare` for lower bounds: one for each scenario.
 
-    {"settings", "variant", "seconds", "known"}  ->  value, kind, reason, account
+    {"settings", "variant", "seconds", "known"}  ->  value, kind, reason, sense, ...
 
-`known` is the best cost that the solvers have found. Knowing it helps to improve the
+and the effort and assumptions of the bound (`record.bound_content.bound_account`).
+`known` is the best cost that the solvers have found. A known cost helps to improve the
 bound, and a new bound is sought if `known` has changed.
 """
 

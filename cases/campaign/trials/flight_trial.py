@@ -3,8 +3,8 @@
 The answer is judged by the simulated path and not by the plans: by the cost of the
 path, and the largest excess over a constraint along it (`Kind.whole_run`).
 
-One seed is that of the solver and of all disturbances. A scenario draws gusts and noise
-with seeds of its own (any key called `seed`), and run s of a campaign adds s to each of
+The number s of a run is the seed of the solver. A scenario draws gusts and noise with
+seeds of its own (any key called `seed`), and run s of a campaign adds s to each of
 them. Thus run 0 is the scenario as it is written, and all solvers have the same
 disturbances in runs of the same number.
 """

@@ -7,9 +7,9 @@ problem.
 
 The history has the best answer at log-spaced marks of the evaluations, PER_DECADE to a
 decade, and at the end. It is exact after each generation of a search or a peer, each
-batch of lanes and each start of a multistart. Of an NLP solver's iterates only those at
-marks are evaluated, which costs hardly any time. Times between two reports of a search
-are interpolated.
+batch of starts that are solved at once (lanes) and each start of a multistart. Of an
+NLP solver's iterates only those at marks are evaluated, which costs hardly any time.
+Times between two reports of a search are interpolated.
 """
 
 from __future__ import annotations
@@ -55,8 +55,8 @@ class Meter:
 
     Attributes:
         work: Evaluations that NLP solvers asked for.
-        ratios: Costs of derivatives in rollouts; with several NLPs those of the last
-            one.
+        ratios: Costs of derivatives, in rollouts; those of the last NLP if there are
+            several.
         stopped: The limit that stopped the solver: "evaluations" or "seconds"; empty if
             none did.
         best: The best answer so far; None if there is none, or it is not known.
@@ -353,7 +353,8 @@ class CountedObjective:
         """Return cost and violation of each point, shape (size,).
 
         Raises:
-            BudgetSpent: If the budget is spent, also by these points, which count.
+            BudgetSpent: If an earlier call spent the budget, or if this call does; its
+                points are then evaluated and counted before.
         """
         if self.spent:  # The caller has gone on.
             raise BudgetSpent

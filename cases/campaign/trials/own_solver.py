@@ -110,7 +110,7 @@ def _asked_of(signature: inspect.Signature) -> list[str]:
 def chosen_solvers(
     given: GivenSolver | Sequence[GivenSolver] | Mapping[str, GivenSolver],
 ) -> tuple[list[Solver], dict[str, Own]]:
-    """Return the solvers, each once, and by name those that are the user's own.
+    """Return the solvers, each once, and a mapping from names to the user's own ones.
 
     Args:
         given: Names, functions, or searches: one, several, or a mapping from names.
@@ -165,7 +165,7 @@ def _evaluator(
 
     Args:
         planner: Planner of the problem.
-        x0: Initial state of the core.
+        x0: Initial state of the core, that is, of the problem after all rewrites.
         known: Parameters and signals of the core.
         meter: Counter of the trial.
         budget: Budget of the solver.

@@ -6,11 +6,11 @@ minimises one number,
 
     cost + weight * violation,
 
-the static penalty: the weight is that of the scenario's order if that is a static
-penalty, else WORTH times the natural size of the cost, which does not depend on units.
-Values that are not finite count as LARGEST. Its best point is the best of all points
-that it has evaluated: feasible before infeasible, then by cost. So no peer has a
-disadvantage from its order of points.
+a static penalty. If the scenario's order is a static penalty, too, its weight is used;
+else the weight is WORTH times the natural size of the cost, so that the result does not
+depend on units. Values that are not finite count as LARGEST. The answer is the best of
+all points that the search has evaluated: feasible before infeasible, then by cost. So
+no peer has a disadvantage from its own order of points.
 
 SciPy and cmaes evaluate whole generations, which the compiled evaluator computes at
 once. pagmo evaluates point by point, with about ten microseconds of Python each:
@@ -20,16 +20,18 @@ A budget ends a peer by an exception from the objective: the last generation is 
 the budget's last evaluation.
 
 `control.optimal.solve_ocp` runs on the problem's own grid. python-control integrates
-continuous systems with inputs that are linear between its time points. So that it
-solves the very problem of the other solvers, with held controls, it is given the
-sampled system of the core (ocp/statement/rewrites/chain.py):
+continuous systems with inputs that are linear between its time points. So that
+python-control solves the very problem of the other solvers, with held controls, it is
+given the sampled system of the core, that is, of the problem after all rewrites
+(ocp/statement/rewrites/chain.py):
 
     (x, k)+ = (F(x, u), k + 1)     F integrates over interval k
     min sum L(x_k, u_k) + V(x_N)   L is the cost of interval k
     rows at the checks, limits of the controls, rows at the end
 
-and its default way for sampled systems: shooting with SciPy's SLSQP, whose derivatives
-are differences of whole simulations. An evaluation is one simulation of the horizon.
+It uses its default method for sampled systems: shooting with SciPy's SLSQP, whose
+derivatives are differences of whole simulations. An evaluation is one simulation of the
+horizon.
 """
 
 from __future__ import annotations
@@ -179,7 +181,7 @@ def _evolve(task: PeerTask, name: str, **options: Any) -> None:
 
 
 def cmaes_ipop(task: PeerTask) -> None:
-    """Run `cmaes.CMA`, from the middle of the box, restarted with twice its size.
+    """Run `cmaes.CMA` from the middle of the box; each restart doubles the population.
 
     The box is scaled to [0, 1]; later starts are drawn from it (IPOP).
     """
@@ -231,8 +233,8 @@ def solve_ocp(made: Built, trial: Trial, meter: Meter) -> bool:
         Whether the solver ended by itself, and not by the budget.
 
     Raises:
-        PeerError: If the problem decides more than controls, or the solver refuses an
-            option.
+        PeerError: If the problem has other unknowns than controls, or the solver
+            refuses an option.
     """
     import control
     import control.optimal

@@ -79,8 +79,8 @@ class PlanResult(TrialResult):
     """The result of one planning problem.
 
     Attributes:
-        counts: Evaluations by their sort, and the cost of a gradient and of a Hessian
-            in rollouts.
+        counts: Numbers of rollouts, gradients and Hessians, and the cost of a gradient
+            and of a Hessian in rollouts.
         repaired: Whether the plan was repaired: solved again with a margin.
         seconds_repair: Wall time of the repair [s].
         evaluations_repair: Evaluations of the repair.

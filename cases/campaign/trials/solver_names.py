@@ -6,12 +6,13 @@
                                   the same with a part of the budget, then IPOPT from
                                   there, with its own options
     solve                         what `swarmstart run` does with a scenario, and
-                                  `swarmstart.solve` with a problem; with search= and
-                                  lanes= what these do with another search or number
+                                  `swarmstart.solve` with a problem; search= and lanes=
+                                  replace the search and the number of random starts
     repeated-ipopt                IPOPT from random starts until the budget is spent;
                                   the best: the null hypothesis
-    multistart+ipopt              local solves in lanes from random starts, then IPOPT
-    memetic+ipopt                 L-SHADE with local solves in lanes, then IPOPT
+    multistart+ipopt              local solves of many random starts at once, then IPOPT
+    memetic+ipopt                 L-SHADE with local solves of many points at once, then
+                                  IPOPT
     ipopt, fatrop, sqpmethod      an NLP solver once, from zero controls; any that this
                                   CasADi has, after a + too
     scipy-de, pygmo-de, cmaes     searches of other packages (PEERS), each with options
@@ -153,7 +154,7 @@ def solvers_of(text: str) -> list[Solver]:
 
 
 def plugins() -> list[str]:
-    """Return the known NLP solvers that this CasADi has."""
+    """Return those NLP solvers of the list `_PLUGINS` that this CasADi has."""
     return [name for name in _PLUGINS if _is_plugin(name)]
 
 

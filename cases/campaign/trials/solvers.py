@@ -191,7 +191,7 @@ def judge_checkpoint(
 
 
 def modules_of(job: Mapping[str, Any]) -> tuple[str, ...]:
-    """Return further modules whose code a cell uses: those named by registries."""
+    """Return further modules whose code a cell uses: of its kind, solver and search."""
     solver = solver_of(job["solver"])
     named = [words_of(job["settings"]["kind"]).kind]
     if solver.peer:

@@ -1,9 +1,9 @@
 """A trial: one solver on one planning problem with a budget and a seed.
 
 The parts that trials of all seeds share are built before (building.py). The solver's
-clock runs from the end of building and compiling to the answer; then one reference, the
-same for all solvers, judges the answer. The solver's family decides how it runs
-(`ROUTES`):
+clock runs from the end of building and compiling to the answer; then a finer
+simulation, the same for all solvers, judges the answer. The solver's family decides how
+it runs (`ROUTES`):
 
 search, nlp   the planner's search, its NLP solver, or one after the other
 repeated      the NLP solver from random points until the meter stops it
@@ -13,10 +13,11 @@ control       python-control's solver of optimal-control problems
 own           a function of a user's own, which returns controls
 
 A budget of evaluations counts an NLP solver's work in rollouts (`ocp.nlp.Work`) and
-stops it after the iteration that spends the budget. A budget of seconds is kept by
-searches, lanes and NLP solvers themselves, between two generations, batches or
-iterations. A solver that still runs after LATE times the budget and a moment is ended
-by the system (wall_limit.py), and its last checkpoint is judged (`judged_checkpoint`).
+stops it after the iteration that spends the budget. Searches, local solves of many
+starts at once (lanes) and NLP solvers observe a budget of seconds themselves, between
+two generations, batches or iterations. A solver that still runs after LATE times the
+budget and a moment is ended by the system (wall_limit.py), and its last checkpoint is
+judged (`judged_checkpoint`).
 
 The answer is simulated again ten times finer: "claimed" values are those of the solver,
 "verified" ones those of this simulation. The repair of an answer that breaks a
@@ -90,8 +91,8 @@ class Found(NamedTuple):
         plan: The plan.
         solution: The verified plan, if the solver has verified it itself.
         has_ended: Whether the solver ended by itself.
-        rest: Steps of `solve` that are left for an answer that needs repair; None if
-            only the repair is left.
+        rest: Iterator over the answers of the steps of `solve` that are left, the
+            repair first; None if none are left.
     """
 
     plan: Plan

@@ -341,7 +341,7 @@ def _unbounded(contests: Sequence[Contest], plan: ComparisonPlan) -> list[str]:
 
 
 class Known(NamedTuple):
-    """A cost that is known from outside of the comparison, as one to minimise."""
+    """A cost known from outside of the comparison, with the sign of a minimised one."""
 
     cost: float
     where: str = ""

@@ -309,9 +309,10 @@ def _figures(plan: Plan, outcomes: Mapping[str, Outcome]) -> list[dict[str, Any]
 def deciding(claim: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     """Return the parts that decide a claim's verdict, for its row in a table.
 
-    The first of them is the first of the parts that are farthest from holding. If the
-    claim holds in part, a second one follows: the first part that holds; or, if no part
-    does and the first one does not hold at all, the first part that holds in part.
+    The first is the part that is farthest from holding, the earliest of several. If the
+    claim holds in part, a second one follows: the earliest part that holds; or, if no
+    part holds, the earliest one that holds in part, unless that is the verdict on the
+    first, too.
     """
     judged = [p for p in claim["parts"] if p["verdict"] != str(Verdict.BESIDE)]
     # min returns the first of equals, as promised.

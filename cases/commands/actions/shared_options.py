@@ -103,7 +103,10 @@ def allowing(
     options: argparse.Namespace,
     told: Callable[[str], object] = say,
 ) -> Resolved:
-    """Return the scenario with the permission that the options give, and print it."""
+    """Return the scenario, with permission to run code if --allow-code is given.
+
+    A line then says which code is run.
+    """
     # Without the permission posing raises, with the name of the option.
     if resolved.code is None or not options.allow_code:
         return resolved

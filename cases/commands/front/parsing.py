@@ -108,7 +108,7 @@ def subcommands_of(top: argparse.ArgumentParser) -> dict[str, argparse.ArgumentP
 
 
 def share(text: str) -> float:
-    """Return a part such as 10% or 0.1."""
+    """Return a share, given as text such as 10% or 0.1, as a number below 1."""
     try:
         number = float(text.removesuffix("%"))
     except ValueError:

@@ -39,7 +39,9 @@ def measures_of_kinds(kinds: Iterable[str]) -> dict[str, dict[str, Entry]]:
 
 
 def measures_of_one(name_or_path: str) -> dict[str, dict[str, Entry]]:
-    """Return a scenario's measures, those it defines first: kind -> name -> entry.
+    """Return the measures that a scenario defines, then those of its kind.
+
+    They are under the scenario's name: `name_or_path` -> name of a measure -> entry.
 
     Args:
         name_or_path: Name or file of the scenario, which is read but not checked.
@@ -59,7 +61,7 @@ def measures_of_one(name_or_path: str) -> dict[str, dict[str, Entry]]:
 
 
 def measures_of_run(resolved: Resolved) -> dict[str, Entry]:
-    """Return all measures of a resolved scenario by name, with those it defines."""
+    """Return the measures of a scenario by name, with those that it defines itself."""
     return _entries(resolved.kind.meanings_of(resolved.scenario))
 
 

@@ -95,7 +95,7 @@ def told_status(finished: Run) -> str:
 
 
 def breaks_constraint(finished: Run) -> bool:
-    """Return whether a flight or a closed loop breaks a constraint on its way."""
+    """Return whether a flight or a closed loop breaks a constraint along its path."""
     words = words_of(finished.resolved.scenario.kind)
     if words.kept:
         return not resolve_name(words.kept)(finished.measures)[1]

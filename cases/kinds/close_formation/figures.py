@@ -1,10 +1,10 @@
 """Figures of a close formation flight, after the chapter's Figs. 5.15 and 5.16.
 
-(a) one sheet: place behind the leader, errors, commands with their bounds, and what
-planning took; (b) speed, heading, cost J of each plan, and drag saved; (c) the
+(a) one sheet: place behind the leader, errors, commands with their bounds, and the time
+that planning took; (b) speed, heading, cost J of each plan, and drag saved; (c) the
 wingman's track over the map of the drag saved, both aircraft to scale. With
-`reference: ipopt` the flight of the exact minimum is drawn in (a) and (b), and the
-exact minimum at the flown states beside J.
+`reference: ipopt` (a) and (b) also show the flight with the exact minimum of J in every
+step, and (b) the exact minimum at the flown states beside J.
 """
 
 from collections.abc import Callable

@@ -57,7 +57,7 @@ def whole_run(
     trajectory: Trajectory,
     measures: Mapping[str, Measure],
 ) -> WholeRun:
-    """Return the integral of the stage cost over the path flown, as in (5.21)."""
+    """Return the integral of the stage cost of (5.21) over the simulated path."""
     del scenario, measures
     problem = flight.posed.agents[0].problem
     cost, excess, _ = flown_values(problem, flight, trajectory)
@@ -192,7 +192,7 @@ def _costs(
 
 
 def _losses(flight: CloseFormationFlight, trajectory: Trajectory, costs: Array) -> int:
-    """Return the number of plans that cost more than the shifted last plan (5.29)."""
+    """Return how many plans cost more than the shifted last plan, against (5.29)."""
     planner, losses = flight.loop.planner, 0
     for k in range(1, len(costs)):
         last = trajectory.decisions[k - 1].plans[0].controls
@@ -220,7 +220,7 @@ def _saving(flight: CloseFormationFlight, trajectory: Trajectory) -> dict[str, M
 
 
 def slot_of(flight: CloseFormationFlight) -> tuple[float, float, float]:
-    """Return the slot (2 b, pi b/4, 0) at which (5.20) is linearised [ft]."""
+    """Return the slot (2 b, pi b/4, 0) at which the chapter linearises (5.20) [ft]."""
     span = flight.posed.aircraft.span_ft
     return 2 * span, np.pi * span / 4, 0.0
 

@@ -2,8 +2,9 @@
 
     J = sum over the horizon of e'Q e at the ends of its steps                (5.21)
 
-e = (x - x_C, y - y_C, z - z_C, V - V_L, psi - psi_L). The leader's speed, heading and
-height are parameters of the model, with their values at the time of planning.
+e = (x - x_C, y - y_C, z - z_C, V - V_L, psi - psi_L). The number is that of the
+equation in the chapter (docs/chapter). The leader's speed, heading and height are
+parameters of the model, with their values at the time of planning.
 
 Gusts of the plant are Dryden turbulence as a sequence in time, first-order noise on a
 velocity:
@@ -46,7 +47,7 @@ TIMING_S = 1e-9
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class PosedCloseFormation(Posed):
-    """A close formation.
+    """A close formation as planning problem and plant, with nothing compiled.
 
     Attributes:
         aircraft: Both aircraft.
@@ -111,7 +112,7 @@ def flaws(scenario: CloseFormationScenario) -> Iterator[LocatedFlaw]:
 def planning_problem(
     scenario: CloseFormationScenario, model: Model
 ) -> OptimalControlProblem:
-    """Return the planning problem (5.21), (5.22) on a model."""
+    """Return the planning problem, the chapter's (5.21) and (5.22), on a model."""
     slot, prediction, commands = scenario.slot, scenario.prediction, scenario.commands
     x, y, psi, V, z, _ = ca.vertsplit(model.states)
     V_L, psi_L, _ = ca.vertsplit(model.parameters)

@@ -1,4 +1,4 @@
-"""Result of a close formation in a sentence, and what its pages draw around it."""
+"""The sentence on the result of a close formation; leader and slot for its pages."""
 
 from collections.abc import Mapping
 from typing import Any

@@ -1,10 +1,10 @@
 """Figures of a formation flight, after the chapter's Figs. 5.9-5.12, and its animation.
 
 (a) one sheet: tracks with the leader, errors of the places, controls with their bounds,
-and what planning took; (b) relative speed, heading, x and y against time; (c) distances
-and obstacle clearance between the samples; (d) the terminal set. Of a flight of one
-planned step all of them show the plan over its whole horizon. The animation shows the
-formation from above, and its leader.
+and the time that planning took; (b) relative speed, heading, x and y against time; (c)
+distances and obstacle clearance between the samples; (d) the terminal set. If a flight
+has one planned step, all figures show the plan over its whole horizon. The animation
+shows the formation from above, and its leader.
 """
 
 from dataclasses import replace
@@ -107,7 +107,7 @@ def draw(
 def sheet_figure(
     scenario: FormationScenario, flight: FormationFlight, trajectory: Trajectory
 ) -> "Figure":
-    """Return (a): tracks, errors, controls, and planning or, of a plan, distances."""
+    """Return (a): tracks, errors, controls, and planning; of one plan, distances."""
     whole, labels = shown_of(scenario, flight, trajectory), _labels(scenario, flight)
     settled, shown = whole.settled(flight), eventful(whole, flight)
     errors = shown.errors(flight)
@@ -352,7 +352,7 @@ def _draw_distances(
 def terminal_set_figure(
     scenario: FormationScenario, flight: FormationFlight, shown: Shown
 ) -> "Figure":
-    """Return (d): e'Pe with the terminal set's level, and the UAVs' ways into it."""
+    """Return (d): e'Pe with the terminal set's level, and the UAVs' paths into it."""
     terminal_set = flight.posed.terminal_set
     figure = new_figure((11.0, 8.0))
     first, *planes = figure.subplots(2, 2).ravel()

@@ -40,7 +40,7 @@ class NoTerminalSetError(SwarmstartError):
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class PosedFormation(Posed):
-    """A formation flight.
+    """A formation flight as planning problems and plant, with nothing compiled.
 
     Attributes:
         names: Names of the UAVs.

@@ -1,11 +1,12 @@
 """The planning problem of one UAV of a formation flight, and its terminal set.
 
-e = x - x_L - slot, (v, psi, x, y), slots in axes that do not turn (5.4);
+With e = x - x_L - slot for x = (v, psi, x, y), in axes that do not turn (5.4),
 
-    J = sum_k dt (e_k'Q e_k + u_k'R u_k) + e_N'P e_N                      (5.5)-(5.7)
+    minimise  J = sum_k dt (e_k'Q e_k + u_k'R u_k) + e_N'P e_N            (5.5)-(5.7)
 
-plus the distances to obstacles and to the UAVs that planned before it (5.15), (5.16).
-The sampled-data P belongs to this sum over the steps.
+with the distances to obstacles and to the UAVs that planned before as constraints
+(5.15), (5.16). The sampled-data P belongs to this sum over the steps. Numbers such as
+(5.4) are equations of the chapter (docs/chapter).
 
 A terminal set with which the linear law of the dual mode takes over is certified first:
 its level is the largest one within the bounds for which the decrease is proven, for
@@ -20,8 +21,8 @@ The first is the Lyapunov equation of the transposed loop: the ellipsoid of its 
 need not be invariant for the loop itself. The two sides of the second do not conform;
 read as alpha K P K' they do, but P stands in the place of its inverse, and no input is
 bounded. `terminal_set.input_excess` returns the excess over the bounds. The correct
-formulas are in the heads of `matrix_equations.py` and `ellipsoid.py` in
-`terminal_set/linear`.
+formulas are in the docstrings of the modules `matrix_equations.py` and `ellipsoid.py`
+in `terminal_set/linear`.
 """
 
 from dataclasses import fields
@@ -114,7 +115,7 @@ def planning_problem(
 
 
 def slot_states(scenario: FormationScenario, number: int, times: Array) -> Array:
-    """Return the slot of a UAV, moving with the leader, shape (4, n).
+    """Return the states of a UAV's slot, which moves with the leader, shape (4, n).
 
     Args:
         scenario: The scenario; its leader keeps speed and heading.
@@ -174,7 +175,7 @@ def _control_limits(scenario: FormationScenario) -> tuple[Array, Array]:
 
 
 def terminal_set_of(scenario: FormationScenario, reference: Reference) -> TerminalSet:
-    """Return the terminal set of the dual mode, certified if its law takes over.
+    """Return the terminal set of the dual mode, certified if the scenario says so.
 
     Args:
         scenario: The scenario.
@@ -227,7 +228,7 @@ def _entries(reference: Reference) -> tuple[tuple[str, tuple[float, ...]], ...]:
 
 
 def lyapunov_as_printed(F: ArrayLike, Q: ArrayLike) -> Array:
-    """Solve FP + PF' = -Q, (5.12) as printed.
+    """Solve FP + PF' = -Q, the chapter's (5.12) as printed.
 
     Args:
         F: Stable loop e' = F e, shape (nx, nx), 1/s.
@@ -244,7 +245,7 @@ def lyapunov_as_printed(F: ArrayLike, Q: ArrayLike) -> Array:
 
 
 def level_as_printed(K: ArrayLike, P: ArrayLike, u_max: ArrayLike) -> float:
-    """Compute the level of (5.14) as printed.
+    """Compute the level of the chapter's (5.14) as printed.
 
     Args:
         K: Gain, shape (nu, nx).

@@ -1,4 +1,7 @@
-"""Result of a formation flight in a sentence, and what its pages draw around it."""
+"""The sentence on the result of a formation flight, and surroundings for its pages.
+
+Surroundings are the leader, the slots and the obstacles among which the UAVs are drawn.
+"""
 
 from collections.abc import Mapping
 from typing import Any

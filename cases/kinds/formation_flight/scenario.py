@@ -104,7 +104,7 @@ class Prediction(GridPart):
 
 
 class Weights(Part):
-    """Diagonals of the weights of (5.6).
+    """Diagonals of the weights Q and R of the stage cost, (5.6) of the chapter.
 
     Attributes:
         Q: Weights of the squared error of v, psi, x and y, four numbers of at least 0.
@@ -119,7 +119,7 @@ Matrix = list[list[Number]]
 
 
 class TerminalCost(Part):
-    """Matrix P of the terminal cost (5.7).
+    """Matrix P of the terminal cost, (5.7) of the chapter.
 
     Attributes:
         design: Origin of P: the Riccati equation of the sampled system with Q and R, or
@@ -137,7 +137,9 @@ class TerminalCost(Part):
 
 
 class Avoidance(Part):
-    """Rules that keep distances to other UAVs and to obstacles (5.15), (5.16).
+    """Rules that keep distances to other UAVs and to obstacles.
+
+    They are (5.15) and (5.16) of the chapter.
 
     Attributes:
         safe_distance_m: Smallest allowed distance between two UAVs [m].

@@ -1,4 +1,4 @@
-"""A wingman close behind its leader, in the leader's wake (5.20).
+"""A wingman close behind its leader, in the leader's wake: (5.20) of the chapter.
 
 States (x, y, psi_W, V_W, z, zeta): position of the leader seen from the wingman, x
 ahead and y to the right in the frame of the wingman's velocity [ft]; heading, positive
@@ -26,10 +26,11 @@ A turn rate limit is that of the autopilot: it saturates (psi_Wc - psi_W)/tau_ps
 
 The variant "corrected" is the above. "literal" is (5.20) as printed, linear: y in place
 of y - ybar, a constant lift that h_Wc has to hold down, and + qS/m C_Dz z, which is
-zero, in place of - qS/m dC_D. In both, the last row is zeta' (printed xi') and psi_E,
-which the text leaves undefined, is as above.
+zero, in place of - qS/m dC_D. In both variants the last row is zeta' (printed xi'), and
+psi_E, which the chapter leaves undefined, is as above.
 
-The wake is that of the F-16 class, rederived, and has not the numbers of the thesis.
+The wake is that of the F-16 class, rederived; its numbers are not those of the thesis
+that the chapter cites.
 Its speed is that of the flight condition (`Aircraft.speed_ft_s`), not the chapter's 200
 ft/s, at which such an aircraft cannot fly level; V_W in qS/(m V_W) is the state.
 """
@@ -110,7 +111,7 @@ def close_formation(
     heading_from: HeadingFrom = "north",
     gusts: bool = False,
 ) -> Model:
-    """Return the model (5.20), nx = 6, nu = 3, np = 3 or, with gusts, 6.
+    """Return the model, the chapter's (5.20): nx = 6, nu = 3, np = 3 or, with gusts, 6.
 
     Args:
         wingman: The aircraft, its lags and its slot.

@@ -1,8 +1,8 @@
 """Figures of a problem in YAML or Python: those of any problem, with its own names.
 
-With uncertain parameters the plant is one system. Its figures are those of one member's
-problem, with plans as that member has them; one more figure shows the states of all
-members.
+With uncertain parameters the plant is one system. The figures are then those of the
+problem of one member, that is, of one set of their values, with the states of this
+member in each plan; one more figure shows the states of all members.
 """
 
 from collections.abc import Callable, Iterator
@@ -168,7 +168,9 @@ def _place(scenario: ProblemScenario, labels: Labels) -> Place | None:
 def of_one_member(
     trajectory: Trajectory, problem: OptimalControlProblem, every: OptimalControlProblem
 ) -> Trajectory:
-    """Return a run with the plans as the first member has them, without states.
+    """Return a run with the part of each plan that belongs to the first member.
+
+    The plans have no states, only the member's initial state.
 
     Args:
         trajectory: The run.

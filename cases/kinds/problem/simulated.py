@@ -1,7 +1,7 @@
 """An external simulator as the plant of a problem: what it needs, how it is loaded.
 
-No file of others is loaded before a simulation begins, and only a file with the hash
-that the scenario states.
+A file of others is loaded only when a simulation begins, and only if it still has the
+hash that it had when the scenario was read.
 """
 
 from __future__ import annotations

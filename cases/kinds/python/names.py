@@ -1,4 +1,4 @@
-"""Words of problems in Python: those of problems in YAML, but for how they begin.
+"""Texts about problems in Python: those about problems in YAML, with another template.
 
 Imports nothing heavy, so that `swarmstart list` is quick.
 """

@@ -1,8 +1,8 @@
 """Figures of a reconfiguration, after the chapter's Figs. 5.17-5.22.
 
 (a) one sheet: tracks with the slots, distances from the slots, controls with their
-bounds, and what planning took; (b) cost of each horizon's plan and the search's best
-point in each horizon; (c) distances of the UAVs.
+bounds, and the time that planning took; (b) cost of each horizon's plan and the
+search's best point in each horizon; (c) distances of the UAVs.
 """
 
 import math

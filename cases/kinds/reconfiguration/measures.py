@@ -2,8 +2,8 @@
 
 The gap of a plan is its cost J minus the lowest known one from the same state. That is
 the lowest of the flown plan and, polished by IPOPT, the basins of a long L-SHADE search
-and of random points. From the first state of the text's experiment one random start in
-seven finds the best minimum; from later states all do.
+and of random points. From the first state of the chapter's experiment one random start
+in seven finds the best minimum; from later states all random starts find it.
 """
 
 import itertools
@@ -189,9 +189,9 @@ def _motion(
 def gaps(joint: RecedingHorizon, trajectory: Trajectory) -> Array:
     """Return J of each plan minus the lowest J found from its state, shape (T,).
 
-    The difference is below 0 if a plan costs less because it breaks a limit. The seeds
-    are those of the steps, so that the result does not depend on the search of a
-    flight.
+    The difference is below 0 if a plan costs less because it breaks a limit. The seed
+    of the search for the lowest J is the number of the step, so that the result does
+    not depend on the search of the flight.
 
     Args:
         joint: The controller of all UAVs at once.

@@ -4,12 +4,12 @@ All controls are decided at once, also the leader's unless it flies straight; or
 `planning: priority`, UAV after UAV plans, the leader first, in the order of their
 slots' distances from the leader.
 
-UAV i then minimises its part e_i'Q e_i of (5.38) alone. It uses the leader's plan and
-keeps the safe distance (5.33) to all UAVs within range: to the new plans of those that
-have planned before it, and to the last plans of the others. It keeps the communication
-distance (5.34) to its links only: the nearest UAVs in the new formation among those
-that have planned before it. With one link each, the links are a tree with the leader as
-its root, so that all UAVs are connected. The leader holds its course.
+UAV i then minimises only its own term e_i'Q e_i of the cost (`problem.py`). It uses the
+leader's plan and keeps the safe distance to all UAVs within range: to the new plans of
+those that have planned before it, and to the last plans of the others. It keeps the
+communication distance to its links only: the nearest UAVs in the new formation among
+those that have planned before it. With one link each, the links are a tree with the
+leader as its root, so that all UAVs are connected. The leader holds its course.
 """
 
 import itertools

@@ -3,8 +3,9 @@
     J = sum over the horizon's intervals and the UAVs of e_i'Q e_i            (5.38)
     e_i = x_ref,i - (x_i - x_L)     at the ends of the intervals
 
-with x = (v, psi, x, y) and x_ref = (0, 0, slot); headings are not wrapped. Subject to
-(5.33) and (5.34): the distances of every two UAVs, at every check.
+with x = (v, psi, x, y) and x_ref = (0, 0, slot); headings are not wrapped. Constraints
+are (5.33) and (5.34), the limits of the distance of every two UAVs, at every check.
+Numbers such as (5.38) are equations of the chapter (docs/chapter).
 
 The assignment `shortest` of slots minimises the sum of squared distances. The leader
 keeps the slot at (0, 0).
@@ -52,7 +53,7 @@ def trim(vehicle: Vehicle) -> Array:
 
 
 def uav_model(vehicle: Vehicle) -> Model:
-    """Return the model (5.30) of one UAV."""
+    """Return the model of one UAV, (5.30) of the chapter."""
     thrust = Thrust(
         drag=vehicle.drag_n, weight=vehicle.weight_n, equation=vehicle.thrust_equation
     )
@@ -83,7 +84,7 @@ def team_model(scenario: ReconfigurationScenario, steered: Sequence[int]) -> Mod
 def joint_problem(
     scenario: ReconfigurationScenario, model: Model, slots: Array
 ) -> OptimalControlProblem:
-    """Return the planning problem (5.38) of all UAVs at once.
+    """Return the planning problem of all UAVs at once, (5.38) of the chapter.
 
     Args:
         scenario: The scenario.
@@ -148,7 +149,7 @@ def _pair_constraints(distances: Distances, uavs: Sequence[ca.SX]) -> list[Const
 
 
 def separation(distances: Distances, relative: ca.SX) -> Separation:
-    """Return (5.33): the safe distance of a relative position."""
+    """Return the constraint that keeps the safe distance, (5.33) of the chapter."""
     return Separation(
         relative=relative,
         distance=distances.safe_m,
@@ -160,7 +161,7 @@ def separation(distances: Distances, relative: ca.SX) -> Separation:
 
 
 def connection(distances: Distances, relative: ca.SX) -> Connection:
-    """Return (5.34): the communication distance of a relative position."""
+    """Return the constraint of the communication distance, (5.34) of the chapter."""
     # Points are enough: along a straight segment a distance is largest at an end.
     return Connection(
         relative=relative,

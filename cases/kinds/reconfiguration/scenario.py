@@ -34,7 +34,7 @@ MOST_JOINT = 40
 
 
 class Vehicle(Part):
-    """The model (5.30) of the UAVs and its bounds.
+    """The model of the UAVs, (5.30) of the chapter, and its bounds.
 
     Attributes:
         thrust_n: Bounds [lower, upper] of the thrust T [N].
@@ -65,7 +65,7 @@ class Vehicle(Part):
 
 
 class Distances(Part):
-    """Distances that every two UAVs keep, (5.33) and (5.34).
+    """Distances that every two UAVs keep, (5.33) and (5.34) of the chapter.
 
     Attributes:
         safe_m: Smallest allowed distance between two UAVs [m].

@@ -77,9 +77,9 @@ class SwarmFilm(Filmed):
 
         Args:
             flight: The committed plans.
-            times: Of the frames, shape (F,) [s].
+            times: Times of the frames, shape (F,) [s].
             places: Positions at these times, shape (n, 3, F) [m].
-            title: Above the picture.
+            title: Title above the picture.
         """
         from matplotlib.collections import LineCollection
         from matplotlib.patches import Circle

@@ -1,4 +1,4 @@
-"""Result of a swarm's flight in sentences, and what its pages draw around it."""
+"""Sentences on the result of a swarm's flight; goals and obstacles for its pages."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -48,7 +48,7 @@ def kept(measures: Mapping[str, Measure]) -> tuple[str, bool]:
 def surroundings(
     scenario: Mapping[str, Any], times: Array, positions: Array, headings: Array
 ) -> Surroundings:
-    """Return the goals, and the obstacles that stand; see `surroundings_of`."""
+    """Return the goals, and obstacles that do not move; see `surroundings_of`."""
     del positions, headings
     read = SwarmScenario.model_validate(dict(scenario))
     swarm = read.controller().swarm

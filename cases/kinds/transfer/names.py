@@ -1,7 +1,7 @@
 """Measures of a transfer: name -> meaning, its unit in brackets at the end.
 
-Imports nothing heavy, so that `swarmstart list` is quick. A count has no unit, and [-]
-means that a number has no unit.
+Imports nothing heavy, so that `swarmstart list` is quick. A count has no brackets; [-]
+marks any other number without a unit, such as a share.
 """
 
 from swarmstart.cases.format.registry import KindWords

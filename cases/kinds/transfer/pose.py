@@ -1,20 +1,20 @@
 """A transfer scenario -> one optimal-control problem, its search, and a plant.
 
 minimise    the integral of R_1 a_i^2 + R_2 phi_i^2, summed over the UAVs
-subject to  (5.30) with the acceleration as a control, bounds on a, phi and v,
+subject to  the model `bank_to_turn` with controls a and phi, bounds on a, phi and v,
 the safe distance of every two UAVs at every check,
 each UAV in its goal at the end, with any speed and heading
 
 The search chooses among paths of each UAV to its goal with three coefficients. With
-s = t / T, the way d = p_f - p_0 - v_0 T that the initial velocity leaves, e along the
-straight line to the goal and n to the left of it,
+s = t / T, the displacement d = p_f - p_0 - v_0 T that the initial velocity leaves to be
+made, the vector e = p_f - p_0 to the goal, and n, which is e turned to the left,
 
     p(t) = p_0 + v_0 t + d h(s) + l (c_1 b_1(s) + c_2 b_2(s)) n + m c_3 b_1(s) e
     h(s) = (3 s^2 - s^3) / 2,   b_1 = sin^2(pi s),   b_2 = sin^2(pi s) cos(pi s)
 
-begins in p_0 with v_0 and ends in p_f for all coefficients in [-1, 1]; h is the least
-acceleration that does so. Speed and heading are those of p', and the aircraft is flat
-in p:
+begins in p_0 with v_0 and ends in p_f for all coefficients in [-1, 1]; with c = 0 no
+path that does so has a smaller integral of p''^2. Speed and heading are those of p',
+and the controls follow from p as well (p is a flat output):
 
     v = |p'|,  a = p'.p'' / v,  phi = asin or atan of (p' x p'') / (v g)
 """
@@ -177,9 +177,10 @@ def flat_paths(
         problem: Problem of all UAVs, states and controls UAV after UAV.
         goals: Goal of each UAV, shape (uavs, 2) [m].
         turn: As in `bank_to_turn`.
-        lateral: Factor l of the module's head, as a part of the straight way to the
-            goal.
-        along: Factor m of the module's head, likewise.
+        lateral: Factor l of the module's docstring: the bump to the side for c_1 = 1,
+            divided by the straight distance to the goal.
+        along: Factor m of the module's docstring: the bump along the straight line for
+            c_3 = 1, likewise.
     """
     uavs = len(goals)
     c, x0 = ca.SX.sym("c", COEFFICIENTS * uavs), ca.SX.sym("x0", NX * uavs)

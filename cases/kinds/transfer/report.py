@@ -1,6 +1,6 @@
-"""Result of a transfer in a sentence, and what its pages draw around it.
+"""The sentence on the result of a transfer, and the goals that its pages draw.
 
-The sentence follows the one on the cost of its plan.
+The sentence follows the one on the cost of the plan.
 """
 
 from collections.abc import Mapping

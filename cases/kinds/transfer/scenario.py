@@ -80,8 +80,8 @@ class Paths(Part):
     """The family of paths in which the search looks.
 
     Attributes:
-        lateral: Largest bump to the side, as a part of the straight way to the goal.
-        along: Largest bump along the way, as a part of the straight way to the goal.
+        lateral: Largest bump to the side, divided by the straight distance to the goal.
+        along: Largest bump forwards or backwards, divided by the same distance.
     """
 
     lateral: Positive = 0.24

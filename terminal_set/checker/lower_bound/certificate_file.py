@@ -1,8 +1,8 @@
 """Reader of certificate files of lower bounds, which validates every entry.
 
 Every entry is a number, a list or one of a few known words. Nothing is executed. The
-statements have the only accepted words, and the checker judges exactly these: free text
-labelled "proven" would look as if it had been checked.
+statements must have the texts of `expected_claims`, which are exactly those that the
+checker judges: free text labelled "proven" would look as if it had been checked.
 """
 
 from __future__ import annotations
@@ -77,11 +77,11 @@ class Problem:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Step:
-    """A polynomial and its slacks.
+    """A polynomial V(t, x) and the slacks of its inequalities (`tasks.py`).
 
     Attributes:
-        middle: Middle of the box it is scaled to, 1 + n numbers.
-        half: Half the widths of that box, above 0.
+        middle: Middle of the box of (t, x) that is scaled to [-1, 1], 1 + n numbers.
+        half: Half the widths of that box, above 0, 1 + n numbers.
         exponents: A tuple of 1 + n whole numbers for each coefficient.
         coefficients: Coefficients of the products of Chebyshev polynomials.
         slack: Slack of the inequality over the set, >= 0.
@@ -105,7 +105,8 @@ class Certificate:
         directions: Directions of the tube's faces; the first 2n are the axes.
         times: Times of the tube, from 0 to the latest end.
         levels: A row of levels for each time.
-        prunings: Pairs of steps (come, go), for the costs to come and to go, in order.
+        prunings: Pairs of steps (come, go), in order: lower bounds of the costs to come
+            and to go. Each removes the points (t, x) at which their sum is too large.
         final: The step that gives the bound.
         known: Cost of a known solution, which prunings compare with; None if there is
             none.

@@ -5,14 +5,14 @@ in [lo, hi], with beta = b + 2 q v and w = u - v,
 
     b u + q u^2 = b v + q v^2 + beta w + q w^2
 
-and beta w + q w^2 >= -beta^2 / (4 q) for all w; with lo - v <= w <= hi - v and
-|beta| <= R on the side that matters, it is also >= -D,
+and beta w + q w^2 >= -beta^2 / (4 q) for all w. As lo - v <= w <= hi - v, it is also
+>= -D, with R a bound of |beta| for beta of one sign, and
 
     D = R^2 / (4 q) if R <= 2 q W, else W (R - q W),  W = v - lo (beta > 0) or hi - v.
 
-With v near the minimiser at the box's middle, beta is small in the first bound, and its
-square joins the quadratic part of the Taylor model. The second bound is better if the
-minimiser is clipped, or if q is small or 0.
+If v is near the minimiser at the box's middle, beta is small in the first bound, and
+its square joins the quadratic part of the Taylor model. The second bound is better if
+the minimiser is clipped, or if q is small or 0.
 """
 
 from __future__ import annotations

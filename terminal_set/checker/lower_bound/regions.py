@@ -1,13 +1,16 @@
-"""The set of the remaining trajectories: tube, bounds, constraints, prunings.
+"""The set of trajectories that may be cheaper than the known cost, and what limits it.
 
-The tube of the file is { x : d_k x <= s_k(t) }, with s_k linear between the times.
-Faces must satisfy d_k f < s_k' strictly: if a face rises just as fast as the fastest
-trajectory, the check stays open, since rounding cannot decide it. Then no admissible
-trajectory leaves the tube. To see it, take the last time up to which it stayed inside.
-A face that it touches at this time has d_k f < s_k' there for all controls. As f is
-continuous and the controls' box is compact, that also holds for some time after, in
-which the trajectory does not cross the face. A face with s_k >= the largest d_k x over
-the bounds of the states is not crossed by an admissible trajectory, for any f.
+The limits are the tube, the bounds of the states, the constraints and the prunings. The
+tube of the file is { x : d_k x <= s_k(t) }, with s_k linear between the times.
+
+On each face d_k f < s_k' must hold; then no admissible trajectory leaves the tube. For
+a proof, take the last time up to which a trajectory stayed inside. A face that it
+touches at this time has d_k f < s_k' there for all controls. As f is continuous and the
+controls' box is compact, the inequality also holds for some time after, in which the
+trajectory does not cross the face. The inequality is strict: if a face rises just as
+fast as the fastest trajectory, the check stays open, since rounding cannot decide it. A
+face with s_k >= the largest d_k x over the bounds of the states is not crossed by an
+admissible trajectory, for any f.
 """
 
 from __future__ import annotations
@@ -233,7 +236,7 @@ class Region:
         certificate: Certificate with the bounds and the horizon.
         split: The problem as polynomials in the controls.
         tube: Tube of the file, which is proven to hold admissible trajectories.
-        stated: Tube in which counterexamples must lie: the same one.
+        stated: Tube in which counterexamples must lie: that of the file as well.
         prunings: The proven prunings.
     """
 

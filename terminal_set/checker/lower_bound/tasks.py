@@ -145,7 +145,7 @@ class EndTask:
 
     Attributes:
         step: Step with V and its end slack.
-        region: The region; the caller cuts its roots to the times of ends.
+        region: The region; the caller cuts its first box to the times of ends.
     """
 
     step: Step

@@ -1,9 +1,11 @@
 """Statements of a certificate of a swarm's flight, and their reader.
 
-Times are steps of a grid, each of some ticks. A plan has samples, one a step from its
-first on, and bulges: between two samples it keeps to its chord, at constant speed,
-within the bulge. It stays at its last sample for ever, within the last bulge. Positions
-are scaled such that vehicles keep away from each other in all directions alike.
+Times are steps of a grid; a step has a fixed number of ticks. A plan has samples,
+positions at successive steps, and bulges, largest deviations: between two samples the
+vehicle stays within the bulge of a point that moves along the straight line between
+them (the chord) at constant speed. After the last sample the vehicle stays within the
+last bulge of it for ever. Positions are scaled such that the least distance of two
+vehicles is the same in all directions.
 """
 
 from __future__ import annotations

@@ -86,7 +86,7 @@ def quantity(place: Place, text: str, names: Mapping[str, float]) -> Attempt:
 
 
 def definitions(scenario: ProblemScenario) -> Iterator[Attempt]:
-    """Yield attempts to evaluate the definitions, with one more in each attempt.
+    """Yield attempts to evaluate no definition, the first, the first two, and so on.
 
     There are no attempts if all definitions can be evaluated.
     """

@@ -1,1 +1,1 @@
-"""Measures of a problem in YAML, its own and those that it defines."""
+"""Measures of a problem in YAML: those of any problem, and those that it defines."""

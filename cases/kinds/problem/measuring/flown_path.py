@@ -2,7 +2,7 @@
 
 There is one row for each control interval, with the plant's steps and both ends, so
 that a held control jumps between rows. The scenario's own measures use the values along
-it by the names of the file.
+the path by the names of the file.
 """
 
 from collections.abc import Mapping

@@ -1,8 +1,8 @@
-"""Measures of a problem: its own and those of any problem.
+"""Measures of a problem: those of any problem, and own ones that the scenario defines.
 
-Own measures are expressions on the simulated path. It has one row for each control
-interval, with the plant's steps and both ends, so that a held control jumps between
-rows.
+Own measures are expressions on the simulated path. The path has one row for each
+control interval, with the plant's steps and both ends, so that a held control jumps
+between rows.
 """
 
 import math
@@ -131,7 +131,8 @@ def measured(
     Args:
         flight: The flight.
         trajectory: Its path.
-        problem: The planning problem, of all vehicles together and one member.
+        problem: The planning problem of all vehicles together, with one value for each
+            uncertain parameter.
         own: Own measures, as from `own_values`.
     """
     plans, sense = trajectory.decisions[0].plans, problem.sense

@@ -13,9 +13,10 @@ _KEYS = ("times", "values", "tolerance", "path_tolerance", "integrator_tolerance
 def with_constants(given: Mapping[str, Any]) -> dict[str, Any]:
     """Return a scenario as read, with numbers in place of expressions in constants.
 
-    They are those of lengths in seconds, whose keys end in `_s`, of tables over time
-    and of tolerances. What is no such expression stays as it is, and is refused at its
-    place later. Other numbers are expressions in constants until the problem is built.
+    Replaced are the expressions of lengths in seconds (keys that end in `_s`), of
+    tables over time and of tolerances. A text that cannot be evaluated stays as it is,
+    and is refused later, with its place. Other numbers stay expressions until the
+    problem is built.
 
     Args:
         given: The scenario, of which nothing is checked yet.

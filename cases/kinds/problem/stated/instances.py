@@ -73,12 +73,12 @@ class Instances(Part):
         drawn: Distributions by name, in place of `values`.
         samples: Number of instances that are drawn; null without `drawn`.
         seed: Seed of the drawn numbers, which do not depend on --seed.
-        starts: Number of starts of each instance in the lanes. The first two have the
-            guess, or else the middle of the bounds, with the states to which it leads
-            and with states that stay at the start; the others have random controls.
-            With null all instances have the first start, and those that fail and some
-            drawn at random have three more; so have more instances as long as that
-            finds cheaper answers.
+        starts: Number of starts of the local solver for each instance. The first two
+            have the guess, or else the middle of the bounds, as controls, with the
+            states to which these lead and with states that stay at the start; the
+            others have random controls. With null all instances have the first start,
+            and three more starts are made for those that fail and for some drawn at
+            random, then for further instances as long as cheaper answers are found.
     """
 
     file: str = Field(default="", exclude=True)

@@ -164,7 +164,7 @@ def planning_problem(
         members: Members that are planned together.
         seen: Other members, whose positions are the last signals. If plans are
             committed, these are the positions in committed plans, those in candidates,
-            and then a reserve.
+            and then a distance to keep in addition to the least one.
     """
     first, grid = members[0], scenario.prediction
     vehicles = scenario.vehicles

@@ -1,7 +1,8 @@
 """Measures of any problem: name -> meaning, its unit in brackets at the end.
 
-Imports nothing heavy, so that `swarmstart list` is quick. A count has no unit; [cost]
-is the unit of the scenario's cost, and [-] means that a number has no unit of its own.
+Imports nothing heavy, so that `swarmstart list` is quick. A count has no brackets;
+[cost] is the unit of the scenario's cost, and [-] marks any other number without a
+unit, such as a scaled violation.
 """
 
 from swarmstart.cases.format.registry import KindWords

@@ -250,7 +250,7 @@ class Guess(Part):
     Attributes:
         controls: Controls by name: numbers, expressions in time, or tables; 0 for those
             not given.
-        states: States by name, likewise; only a polish begins there.
+        states: States by name, likewise, which only a polish uses.
     """
 
     model_config = ConfigDict(json_schema_extra=_with_record)

@@ -5,8 +5,10 @@ name, costs replace those of the file, path constraints are added to them. The f
 initial cost is at the start of the first phase, its terminal cost and constraints are
 at the end of the last one.
 
-In the one problem the states are those of all phases, then the time and values that
-phases keep. A control that a phase does not have is constant there.
+The one problem has the states of all phases, then states for the time, for the number
+of finished intervals, and for costs and constraints at the ends of phases, which are
+kept until the end of the last phase. A control that a phase does not have is constant
+there.
 """
 
 import itertools

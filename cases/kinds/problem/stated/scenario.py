@@ -242,7 +242,7 @@ class UserScenario(PlanningScenario):
             evaluations.
         polish: Local solver that improves the answer of the search: IPOPT, none, or
             another NLP solver of CasADi with its options.
-        lanes: Number of random starts that are solved at once, beside the search, if
+        lanes: Number of random starts that are solved at once, besides the search, if
             there is no earlier plan; null means 64 with a polish and without within_s,
             else 0.
     """

@@ -255,10 +255,12 @@ class JsbsimPart(SimulatorPart):
 
     Attributes:
         jsbsim: Name of one of the aircraft that JSBSim has, such as f16.
-        states: State of an aircraft that each state is, in their order: speed_m_s,
-            heading_rad, height_m, north_m or east_m; null means the same names.
-        controls: Set point that each control is: speed_m_s_set, heading_rad_set or
-            height_m_set; null means the same names. Others are held.
+        states: Name of the aircraft's quantity for each state of the scenario, in their
+            order: speed_m_s, heading_rad, height_m, north_m or east_m; null means that
+            the states have these names.
+        controls: Name of the set point for each control of the scenario:
+            speed_m_s_set, heading_rad_set or height_m_set; null means that the controls
+            have these names. Other set points are held.
         altitude_m: Height at the start and set point of the height [m], if no state or
             control is the height.
         airspeed_m_s: True airspeed at the start and its set point [m/s], if no state or

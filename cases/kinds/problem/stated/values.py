@@ -352,7 +352,7 @@ def numbers_of(given: object, folder: Path) -> dict[str, Any]:
 def csv_rows(
     given: object, folder: Path, *, most: int = MAX_BYTES
 ) -> tuple[str, list[tuple[int, list[str]]]]:
-    """Return a CSV file's name in messages, and its lines that are not empty.
+    """Return the name of a CSV file for messages, and its lines that are not empty.
 
     Args:
         given: The file's path in the scenario.
@@ -379,7 +379,7 @@ def csv_rows(
 
 
 def csv_lines(file: Path, *, most: int) -> tuple[str, list[tuple[int, list[str]]]]:
-    """Return a CSV file's name in messages, and its lines, as `csv_rows`.
+    """Return the name of a CSV file for messages, and its lines, as `csv_rows`.
 
     Args:
         file: The file.
