@@ -43,8 +43,9 @@ a controller that solves the problem again at each step follows just that plan. 
 are integrated apart from the library, by Runge-Kutta steps of a twentieth of an
 interval. "Excess" is the network's cost relative to that of the plan, less 1.
 
-A network is smooth, but the optimal control jumps where basins meet. There it takes
-a mean of both ways, which is neither; hence the tail of the excess.
+A network is smooth, but the optimal control jumps where basins meet. There the network
+returns a mean of the two controls, which is near neither of them; hence the tail of the
+excess.
 
 """
 
