@@ -315,8 +315,9 @@ def page(
         "## Rules",
         "",
         "Ten vehicles in a cube of 2.2 m, the same seeds for each rule. By `waiting` "
-        f"and `hearsay` a vehicle leaves its old plan {SHORT_LEAD_S} s after it has "
-        "sent the new one, and needs no acceptance.",
+        f"and `hearsay` a new plan parts from the old one after {SHORT_LEAD_S} s; by "
+        "`waiting` a vehicle adopts the new plan at that time, if it has heard of "
+        "nothing in its way, by `hearsay` at once.",
         "",
         *gate_table(rules),
         "",
