@@ -65,9 +65,9 @@ interval ([The share of optima not seen](unseen_share.md)). "Two threads" is the
 of two threads relative to one, by the clock, with the same answers; it is lower if all
 lanes together take few milliseconds.
 
-Made on another machine, `ratio` may differ by 80 %, and the larger of the two by these
-columns: `feasible` by 0 % or 0.05, `best cost` by 0.01 % or 0, `best` by 0 % or 0.1 and
-`optima` by 20 % or 2.
+Made on another machine, `ratio` may differ by 80 %. Other columns may differ by the
+larger of two numbers: `feasible` by 0 % or 0.05, `best cost` by 0.01 % or 0, `best` by
+0 % or 0.1 and `optima` by 20 % or 2.
 
 """
 

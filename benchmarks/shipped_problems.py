@@ -50,7 +50,7 @@ states its limit.
   compared with our own value on 400 intervals.
 - Catalyst mixing: in the closed form the share of the first catalyst is 1, then 0.2271,
   then 0; the times of both switches and the middle share are the best ones, computed by
-  matrix exponentials. The 0.0480559 of COPS 3 is 4.5e-6 above it (claim 3).
+  matrix exponentials. The 0.0480559 of COPS 3 is 4.5e-6 above this value (claim 3).
 - Hypersensitive problem: along an optimum `x'^2 = x^2 + x^6 + c`; with the c for which
   both branches take 10 s, the cost is an integral over x. On a horizon without end c is
   0 and the cost 1.3308069, 7e-5 more.
@@ -82,15 +82,15 @@ states its limit.
 TWO_VALUES = """
 ## At the checks, and along the path
 
-Constraints are imposed at checks. Between them the path may break them; the table has
-the excess in parts of their scale. By default an answer that breaks a constraint is
-solved again with a margin, and, if the margin costs something, with more checks instead
-([repair](../glossary.md#repair)). The values at the checks and along the path are
-computed by `python benchmarks/kept_values.py --write docs/measured/kept_values.json`,
-on the same grid of controls. That program has margins and checks of its own,
-independent of `repair`. A seed counts if its cost is within 1e-4. If the excess is
-below `path_tolerance`, nothing is repaired, and the runs are the same. The gap with
-doubled intervals is that of one seed.
+Constraints are imposed at [checks](../glossary.md#check), and a path may break them in
+between; the table has the excess as a fraction of the constraint's scale. By default an
+answer that breaks a constraint is solved again with a margin, and, if the margin costs
+something, with more checks instead ([repair](../glossary.md#repair)). The values at the
+checks and along the path are computed by `python benchmarks/kept_values.py --write
+docs/measured/kept_values.json`, on the same grid of controls. That program has margins
+and checks of its own, independent of `repair`. A seed counts if its cost is within
+1e-4. If the excess is below `path_tolerance`, nothing is repaired, and the runs are the
+same. The gap with doubled intervals is that of one seed.
 
 The supersonic climb misses its value along the path. A constraint counts as kept up to
 1e-4 of its scale. For the height of the climb this allows 6.9 ft below the ground, and

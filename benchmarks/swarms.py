@@ -328,9 +328,9 @@ def page(
         "## The chapter's flight",
         "",
         f"`formation_v` settles after {settled:.3g} s, with all messages in time. "
-        f"`formation_v_lossy`, with the same starts, slots, bounds of acceleration and "
-        f"turn rate, and 30 % of the messages lost, arrives after {min(lossy):.3g} to "
-        f"{max(lossy):.3g} s in {len(lossy)} runs.",
+        "`formation_v_lossy`, with the same starts, slots and bounds of acceleration "
+        f"and turn rate, but 30 % of the messages lost, arrives after {min(lossy):.3g} "
+        f"to {max(lossy):.3g} s in {len(lossy)} runs.",
     ]
 
 
