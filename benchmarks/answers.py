@@ -48,37 +48,38 @@ TEXT = """# How often the best answer is found
 
 Made by `python benchmarks/answers.py --write docs/measured/answers_measured.md`:
 `solve` with its defaults{lanes}, from several seeds, on every shipped problem. Seconds
-are those of the process on all cores, in brackets those of the clock. They are of whole
-calls, with posing, verifying and loading machine code, except the first call of a
-process, which makes or loads that code ("code"). "Cold" is a whole call of IPOPT alone
-from zero controls.
+are CPU seconds of the process on all cores, in brackets wall seconds. They are those of
+whole calls, which include posing, verifying and loading machine code. The first call of
+a process, which makes or loads that code, is left out; the seconds of the code are in
+the column "code s". "Cold" is a whole call of IPOPT alone from zero controls.
 
 - A seed hits if its answer is feasible and costs at most 1e-4 more, relative, than the
   best known at the problem's checks (`docs/measured/kept_values.json`). "Along the
   path" counts confirmed answers that keep the constraints along it, with `repair=True`
   if a seed's answer breaks one.
-- "Worse" is the number of seeds whose answer costs more, by 1e-6 of it, than IPOPT from
-  zero controls, from the middle of the bounds (if that is not zero), from the guess in
-  the problem's file, or from the best start that the answer of that seed names.
+- "Worse" is the number of seeds whose answer costs more, by over 1e-6 relative, than
+  the best answer of IPOPT from zero controls, from the middle of the bounds (if that is
+  not zero), from the guess in the problem's file, or from the best start that the
+  answer of that seed names.
 
 """
 RACE_TEXT = """
 ## Seconds until the best optimum is found with 95 % probability
 
-With p the share of starts that hit and t their mean seconds:
-t max(1, log(0.05) / log(1 - p)). For IPOPT, starts are the smooth random controls of
-the lanes, one after another on the same solver. Only the seconds of solving count, by
-the clock. Of `solve` these are the cold starts, the search, the lanes and the polish
-until the best answer was found (`solution.plan.starts.found_after`), without posing,
-verifying and machine code, which are in the table above. If no start hits, p is the
-largest value with which that happens in 5 % of all cases, and the seconds are a lower
-bound: those of all starts. The brackets hold 90 % of 2,000 samples of the runs with
-replacement.
+With p the share of starts that hit and t their mean seconds: t max(1, log(0.05) /
+log(1 - p)). IPOPT solves from the smooth random controls from which the
+[lanes](../glossary.md#lane) start, one after another with the same solver. Only the
+wall seconds of solving count. For `solve` these are the seconds of the cold starts, the
+search, the lanes and the polish until the best answer was found
+(`solution.plan.starts.found_after`). Posing, verifying and machine code are in the
+table above only. If no start hits, p is the largest value with which that happens in 5
+% of all cases, and the seconds are a lower bound: those of all starts. The brackets are
+90 % bootstrap intervals, from 2,000 samples of the runs with replacement.
 
-The bars: {sooner} times less time if IPOPT hits in less than 30 % of its starts; not
-slower on the other problems with several optima (feasible answers of IPOPT's starts
-differ by more than 1e-4); with a single optimum, at most 1.3 times the cold solve and
-0.2 s.
+The [bars](../glossary.md#bar): {sooner} times less time if IPOPT hits in less than 30 %
+of its starts; not slower on the other problems with several optima (feasible answers of
+IPOPT's starts differ by more than 1e-4); with a single optimum, at most 1.3 times the
+cold solve and 0.2 s.
 
 """
 

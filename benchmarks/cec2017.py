@@ -200,10 +200,12 @@ TEXT = """# Searches on CEC 2017 at small budgets
 
 Made by `python benchmarks/cec2017.py --write docs/measured/search_2017.md` (`pip
 install minionpy`), {seeds} seeds of each of the 29 functions, every search with its
-defaults. An error is the least value within the budget above the optimum's. The descent
-from there is L-BFGS-B with at most 50 iterations, gradients by differences, not
-counted. Ranks are among these six, 1 is best; differences below 0.6 are ties. "None is
-nearer" means: by more than 1e-4 of the error.
+defaults. An error is the least value found within the budget minus the optimal value.
+The descent starts at the point with this value and is L-BFGS-B with at most 50
+iterations and gradients by differences; its evaluations are not counted. Ranks are
+among the searches of a table, 1 is best; differences of mean ranks below 0.6 are ties.
+"None is nearer" means that no other search has an error that is smaller by more than
+1e-4 of it.
 
 """
 

@@ -276,10 +276,10 @@ def finding(results: Sequence[Measured]) -> str:
         f"{max(costs):.4f} times as much; "
     )
     return (
-        f"In each of {len(results)} controllers at least {worst:.2%} of the steps have "
-        f"the control of the library's lanes within {SAME:g} of its range, and all "
-        f"optimisations give {equal}; {loop or ''}sanitizers find "
-        f"{'nothing' if clean else 'ERRORS'}."
+        f"In each of {len(results)} exported controllers at least {worst:.2%} of the "
+        "steps give the control of the library's [lanes](../glossary.md#lane), up to "
+        f"{SAME:g} of the control's range, and all optimisation levels of the compiler "
+        f"give {equal}; {loop or ''}sanitizers find {'nothing' if clean else 'ERRORS'}."
     )
 
 
@@ -305,14 +305,18 @@ def page(
         )  # fmt: skip
     return [
         finding(results), "",
-        f"Made by `{command}` on one of {os.cpu_count()} cores: {steps:,} steps each "
-        f"in closed loop with a random kick every {KICK}; beside each step the "
-        "library's lanes in machine code decide on the same state, and so do builds "
-        f"with {' and '.join(OTHERS)} in place of {FLAGS[1]}. Times are ratios of the "
-        "mean step of a flight of 10 s, its first step left out, with the library's "
-        "own closed loop and its search. A file that takes parameters, signals or the "
-        "plans of others, or remembers a control, is not compared with that loop. A "
-        f"sanitized build takes {random:,} random states, huge ones, infinities, NaN.",
+        f"Made by `{command}` on one of {os.cpu_count()} cores: {steps:,} steps of "
+        "each controller in closed loop, with a random change of the state every "
+        f"{KICK} steps. At each step the library's lanes (machine code) and builds of "
+        f"the C code with {' and '.join(OTHERS)} in place of {FLAGS[1]} decide from "
+        "the same state. \"Times faster\" compares the mean step of a flight of 10 s, "
+        "without its first step, with that of the library's own closed loop, which "
+        "also searches. Controllers that take parameters, signals or the plans of "
+        "others, or remember a control, are not compared with that loop. \"Most "
+        "operations by the bound\" is the largest number of operations of a step, "
+        "divided by the bound that the export states. A build with sanitizers is "
+        f"called with {random:,} random states, among them huge ones, infinities and "
+        "NaN.",
         "", *table, "",
         *(f"- `{one.name}`: {one.what}" for one in results),
     ]  # fmt: skip

@@ -23,10 +23,10 @@ ROUNDED = 1 + 1e-4
 TEXT = """# The double pendulum
 
 Made by `python benchmarks/double_pendulum.py --write docs/measured/double_pendulum.md`;
-each run is `swarmstart run double_pendulum --seed N`. The bars were written, as claims
-of the problem, before they were measured. The problem is hard: near the upright
-position the rods amplify an error a billion times, there are many local optima, and the
-least one is unknown.
+each run is `swarmstart run double_pendulum --seed N`. The [bars](../glossary.md#bar)
+were written into the problem's file, as claims, before they were measured. The problem
+is hard: near the upright position the rods amplify an error a billion times, there are
+many local optima, and the least one is unknown.
 
 """
 

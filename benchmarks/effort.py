@@ -50,21 +50,23 @@ HARD = (
 """Hard problems, with which nothing was chosen; a sixth of the seeds."""
 TEXT = """# Effort in proportion
 
-Made by `python benchmarks/effort.py --write docs/measured/effort.md`. The default call
-leaves out its search if [cold starts and lanes agree](../answers.md#many-starts).
+Made by `python benchmarks/effort.py --write docs/measured/effort.md`. The default call,
+`solve` without options, leaves out its search if [cold starts and lanes
+agree](../answers.md#many-starts).
 
-A warm default call, with everything that it verifies and repairs, against plain CasADi:
-the NLP of direct multiple shooting stated, IPOPT built, and solved once from states
-held at the start and controls in the middle of their bounds. One such start is enough
-if it leads to within 1e-4 of the best cost known here.
+The first table compares the CPU time of a default call, repeated so that its machine
+code is loaded, and with all that it verifies and repairs, with that of plain CasADi:
+stating the NLP of direct multiple shooting, building IPOPT, and solving once from
+states held at the initial state and controls in the middle of their bounds. "One start
+is enough" if the cost of this solve is within 1e-4 of the best cost known here.
 
 """
 HITS = """
-The same call against one that always searches (`search="lshade"`), which is the same
-unless cold starts and lanes agree, on problems with several optima. A seed hits if its
-answer is feasible at the checks (`repair=False`) and costs at most 1e-4 more, relative,
-than the best of all these answers. The [hard problems](../hard_problems.md) were not
-there when the rule was chosen.
+The second table compares the default call with one that always searches
+(`search="lshade"`), on problems with several optima. The two differ only if cold starts
+and lanes agree. A seed hits if its answer is feasible at the checks (`repair=False`)
+and costs at most 1e-4 more, relative, than the best of all these answers. The rule was
+chosen before the [hard problems](../hard_problems.md) were written.
 
 """
 

@@ -182,8 +182,9 @@ def report(measured: Measured) -> list[str]:
     if HAND in by_hand.seconds:
         ratio = by_hand.ratio(HAND).median
         lines += [
-            f"The kernel by hand is {ratio:.0f} times as fast as the map here: a bar",
-            "above that takes a processor that starts more vector operations a cycle.",
+            f"The C code with vectors, written by hand, is {ratio:.0f} times as fast",
+            "as the map here: a higher [bar](../glossary.md#bar) can be met only on a",
+            "processor that starts more vector operations a cycle.",
         ]
     return lines
 
@@ -293,19 +294,20 @@ def _picture(options: argparse.Namespace) -> str:
 
 _HEAD = """# How fast populations are evaluated
 
-Made by `python benchmarks/evaluator.py`. A rollout is cost and violation of one control
-sequence. One thread is used. All contestants of a problem have the same population,
-uniform in the bounds, and take turns of about 10 ms. Numbers are medians over the
-rounds with quartiles in brackets; those of a ratio are relative to the map's median.
-Ratios from one run can be compared, nanoseconds of different runs cannot. The position
-of a process in memory changes ours by up to a quarter, which the quartiles do not show.
-Before the timing, every contestant's values are compared with the map's.
+Made by `python benchmarks/evaluator.py`. A rollout is the computation of cost and
+violation of one control sequence. One thread is used. All contestants of a problem have
+the same population, uniform in the bounds, and take turns of about 10 ms. Numbers are
+medians over the rounds with quartiles in brackets; those of a ratio are relative to the
+map's median. Ratios from one run can be compared, nanoseconds of different runs cannot.
+The position of a process in memory changes the times of our machine code by up to a
+quarter, which the quartiles do not show. Before the timing, every contestant's values
+are compared with the map's.
 
-The map is CasADi's own, serial, its buffers in place. "Prepared" calls our machine code
-by its address on fixed buffers; "from Python" allocates and checks, as usual calls do.
-CasADi's C code is compiled with `-O3 -march=native` and called in a loop in C. "By
-hand" is written for the UAVs alone, in NumPy over the whole population, or in C with
-vectors of individuals (`benchmarks/five_uavs.c`).
+"CasADi map" is CasADi's own map, serial, with buffers allocated in advance. "Prepared"
+calls our machine code by its address on fixed buffers; "from Python" allocates and
+checks, as usual calls do. CasADi's C code is compiled with `-O3 -march=native` and
+called in a loop in C. "By hand" is written for the UAVs alone, in NumPy over the whole
+population, or in C with vectors of individuals (`benchmarks/five_uavs.c`).
 
 """
 

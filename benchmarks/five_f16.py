@@ -234,8 +234,9 @@ def page(flights: dict[str, list[Flown]], command: str, seeds: int) -> list[str]
         "Each number of a table is the worst of the flights; times are means of CPU "
         "time. Each follower knows what the leader's set points will be for the next "
         f"{HORIZON} s and plans with lags of {TAU_V:g} s (speed) and {TAU_PSI:g} s "
-        "(heading); the proportional law knows the present error alone. No plan keeps "
-        "a distance to the others; the slots do.",
+        "(heading); the proportional law knows the present error alone. No plan has a "
+        "constraint on the distance to the others; the distances follow from the "
+        "slots.",
         "",
         *table,
         "",
@@ -252,7 +253,8 @@ def page(flights: dict[str, list[Flown]], command: str, seeds: int) -> list[str]
         "the throttle makes up for with a delay.",
         "- The proportional law lags by design: in a steady turn its error across the "
         "track is what holds the bank angle. Its rms in straight flight, "
-        f"{max(one.straight for one in theirs):.1f} m, has the rest of the turn.",
+        f"{max(one.straight for one in theirs):.1f} m, includes what is then left of "
+        "that error.",
     ]
 
 

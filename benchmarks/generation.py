@@ -325,20 +325,21 @@ the objective, a generation of PSO, DE, jDE or L-SHADE in the compiled loop cost
 most {bar:g} times as much as drawing its random numbers in compiled code. PSO has two
 neighbourhoods here, the whole swarm and a ring.
 
-All calls of one shape take turns of about 10 ms, {rounds} rounds; numbers are medians.
-The time of a generation is that of a search with 1 + {generations} generations minus
-that of one with 1, both in the compiled loop of `Search`, divided by {generations}. The
-objective, a compiled sum of squares, is measured alone on as many generations and
-subtracted. Settings are the defaults, the box is [-1, 2] in each variable. The budget
-is without end, so that the population of L-SHADE does not shrink: all its generations
-have the size given.
+All calls of one size (individuals x variables) take turns of about 10 ms, {rounds}
+rounds; numbers are medians. The time of a generation is that of a search with
+1 + {generations} generations minus that of one with 1, both in the compiled loop of
+`Search`, divided by {generations}. The objective, a compiled sum of squares, is
+measured alone on as many generations and subtracted. Settings are the defaults, the box
+is [-1, 2] in each variable. The budget is without end, so that the population of
+L-SHADE does not shrink: all its generations have the size given.
 
 The draws are compiled code that draws into an array, with the same kind of generator,
 as many uniform, normal and Cauchy numbers (a tangent of a uniform one) as a generation
 does on average. The counts are derived from the kernels. L-SHADE draws about 2 % more:
-the draws that delete members of a full archive are left out, and the memory has its
-first values. The numbers are stored and not added up: a sum carried through the calls
-of the generator makes them take twice as long, and the ratios half as large.
+the draws that delete members of a full archive are left out, and the memory of its
+parameters keeps its first values. The numbers are stored and not added up: a sum
+carried through the calls of the generator makes them take twice as long, and the ratios
+half as large.
 
 """
 

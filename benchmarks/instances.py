@@ -35,11 +35,11 @@ TEXT = """# Many instances at once
 Made by `python benchmarks/instances.py --write docs/measured/instances.md`: a quadrotor
 with 13 states that goes to the origin among four cylinders, from 80 starts on an arc,
 or follows a reference among three moving cylinders, from 250 random starts. The lanes
-have one start each, that of the peer: a straight line and hovering. The peer is
-CasADi's Opti with IPOPT, without and with `expand`. "As cheap" is the share of lanes
-that are feasible and cost at most 1e-3 more than the peer's answer, among the instances
-that both solved. The time of the lanes is that of all, those that fail among them, and
-does not contain the verification of the answers.
+are compared with CasADi's Opti with IPOPT, without and with `expand`. Both have one
+start for each instance: a straight line and hovering. "As cheap" is the share of lanes
+that are feasible and cost at most 1e-3 more than the Opti's answer, among the instances
+that both solved. The time of the lanes is that of all lanes, also of those that fail,
+and does not contain the verification of the answers.
 
 """
 

@@ -174,16 +174,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
 TEXT = """# Searches that use local solves in lanes
 
 Made by `python benchmarks/lane_searches.py --write docs/measured/lane_searches.md`.
-Each search is followed by IPOPT from its best point, and from three more basins if end
-time, parameters or starts are decided too or lanes are used. A hit is feasible, and
-within 1e-4 of the least cost that any run found. Evaluations (median) count local
-solves as [Local solves](../heuristics.md#local-solves) says, and IPOPT's; a batch that
-has begun is finished, so a multistart with 2,000 evaluations solves one or two starts.
-Seconds are means of the process, with machine code loaded. Other work ran at the same
-time, so compare them within a problem only. "lshade, then cma" is half of the budget
-each, CMA-ES from L-SHADE's best; "none" is IPOPT from zero controls. `swap_5` searches
-paths, for which there are no lanes: there the memetic search is L-SHADE, and the
-multistart is IPOPT from random paths.
+Each search is followed by IPOPT from its best point, and from its best points in three
+more [basins](../glossary.md#basin) if the end time, parameters or initial states are
+optimised too, or if lanes are used. A hit is feasible, and within 1e-4 of the least
+cost that any run found. Evaluations (median) include those of IPOPT and of local
+solves, which count as [Local solves](../heuristics.md#local-solves) says; a batch of
+lanes that has begun is finished, so a multistart with 2,000 evaluations solves one or
+two starts. Seconds are means of the process, with machine code loaded. Other work ran
+at the same time, so compare them within a problem only. "lshade, then cma" is half of
+the budget each, CMA-ES from L-SHADE's best; "none" is IPOPT from zero controls.
+`swap_5` searches paths, for which there are no lanes: there the memetic search is
+L-SHADE, and the multistart is IPOPT from random paths.
 
 """
 

@@ -54,18 +54,20 @@ Made by `python benchmarks/lanes.py --write docs/measured/lanes.md --plot
 docs/measured/lanes.png`. Each problem is solved from the same smooth random starts
 ([Many starts](../answers.md#many-starts)), all at once in lanes on one core, and a few
 of them one after another by IPOPT, at most 500 iterations each: on the faster of two
-NLPs, with machine code for the intervals' functions or all of them expanded.
-Seconds are those of the process. A lane takes at most 300 steps. A solve counts as
-feasible to 1e-6 in the NLP's numbers near one; "best" is the share of solves within
-1e-4 of the cheapest optimum that either found. "Warm" is the number of iterations of
-IPOPT from the best optimum of the lanes, and the relative change of its cost. "Not
-seen" is Good's estimate of the share of such starts that would end in a new optimum,
-with the end of its interval ([The share of optima not seen](unseen_share.md)). "Two
-threads" is the speed of two threads relative to one, by the clock, with the same
-answers; it is lower if all lanes together take few milliseconds.
+NLPs, one with machine code for the functions of an interval ("mapped"), one with all
+functions expanded. Seconds are CPU seconds. A lane takes at most 300 steps. A solve
+counts as feasible if its violation in the scaled numbers of the NLP is at most 1e-6;
+"best" is the share of solves within 1e-4 of the cheapest optimum that lanes or IPOPT
+found. "Warm" is the number of iterations of IPOPT from the best optimum of the lanes,
+and the relative change of its cost. "Not seen" is Good's estimate of the share of
+further random starts that would end in a new optimum, with the upper end of its
+interval ([The share of optima not seen](unseen_share.md)). "Two threads" is the speed
+of two threads relative to one, by the clock, with the same answers; it is lower if all
+lanes together take few milliseconds.
 
-Made again elsewhere, `ratio` differs by 80 % or 0 at most, `feasible` by 0 % or 0.05,
-`best cost` by 0.01 % or 0, `best` by 0 % or 0.1 and `optima` by 20 % or 2.
+Made on another machine, `ratio` may differ by 80 %. Other columns may differ by the
+larger of two numbers: `feasible` by 0 % or 0.05, `best cost` by 0.01 % or 0, `best` by
+0 % or 0.1 and `optima` by 20 % or 2.
 
 """
 

@@ -31,16 +31,16 @@ TEXT = """# Long graphs and small calls
 
 Made by `python benchmarks/long_graphs.py --write docs/measured/long_graphs.md`: the
 ascent of a rocket with a heat load, 72 steps of Runge-Kutta written as one graph, with
-648 exponentials and 504 powers that are no whole numbers, for 1024 individuals. "SIMD
-C" is the same graph as C over vectors of individuals, whose exp and pow are those of
-the C library for vectors (`gcc -O3 -march=native -ffast-math -fopenmp-simd`).
-A model with intervals is compiled as a loop: then neither code nor time to compile grow
-with the horizon.
+648 exponentials and 504 powers whose exponents are no whole numbers, for 1024
+individuals. "SIMD C" is the same graph as C over vectors of individuals, whose exp and
+pow are those of the C library for vectors (`gcc -O3 -march=native -ffast-math
+-fopenmp-simd`). A problem that is stated with intervals is compiled as a loop, so
+neither its code nor the time to compile it grows with the horizon.
 
 """
 CALLS = """
 A call from Python, of a function of 60 rows with two outputs. Arguments of up to 4096
-numbers are copied into buffers that stay, larger ones are read in place.
+numbers are copied into buffers that are kept; larger ones are read in place.
 
 """
 OPERATIONS: Mapping[str, str] = {

@@ -38,10 +38,10 @@ no search. The others are what a user writes with CasADi: the same direct multip
 shooting with the same Runge-Kutta steps, expanded to scalar operations; IPOPT started
 from the shifted last answer with its multipliers (`warm_start_init_point`, `mu_init`
 1e-4), and fatrop with the structure of the stages. do-mpc (5.1) has the same steps as a
-discrete model, and the settings of its documentation. All decide in turns, each on its
-own plant. Seconds are CPU time; the first step, which is cold, counts apart. A step of
-swarmstart also integrates and judges its answer, and falls back on the last plan if
-that is better. "Cost" is the integral of the stage cost.
+discrete model, and the settings of its documentation. All controllers decide in turns,
+each on its own plant. Times are CPU times; the first step, which is cold, is shown
+apart. A step of swarmstart also integrates and judges its answer, and falls back on the
+last plan if that is better. "Cost" is the integral of the stage cost.
 
 """
 Controls = Callable[[Array], Array]

@@ -258,9 +258,10 @@ shown.
 **The default** of `minimize` is the adaptive epsilon level. On the problems with
 inequality constraints no difference from feasibility first is shown in any column; with
 equality constraints it is better in 11 of 20 columns and worse in none. If a tenth of
-the first population is feasible, the two are the same, bit for bit. The quantile 0.1
-was chosen on these problems: the paper's 0.2 is even better with equality constraints,
-but L-SHADE then misses feasibility on g10.
+the first population is feasible, the two orders give the same bits. The level is at
+most the quantile 0.1 of the violations in a generation. This number was chosen on these
+problems: the paper's 0.2 is even better with equality constraints, but L-SHADE then
+misses feasibility on g10.
 
 **A static penalty** of 1e4 is too small for the violations of g10, and depends on the
 unit of the cost (the last table). A weight that suits one problem need not suit
@@ -271,10 +272,11 @@ stays above zero for 0.8 of the budget, however many feasible points there are. 
 and DE then settle on the optimum of the relaxed problem, outside of the feasible set,
 and the rest of budget and population does not bring them back. This is worst on g10,
 whose violations span six decades: a level that is too high for one constraint is
-already strict for another. With the level over 0.2 of the budget L-SHADE's loss is
-gone, DE's is not, and most of the gain is gone too. A level that follows the violations
-of the last generation keeps most of the gain. It makes no difference here if L-SHADE's
-memory weighs improvements of cost and of violation separately, as their units suggest.
+already strict for another. If the level falls to zero within 0.2 of the budget,
+L-SHADE's loss is gone, DE's is not, and most of the gain is gone too. A level that also
+follows the violations of the last generation, as the default does, keeps most of the
+gain. It makes no difference here if L-SHADE's memory weighs improvements of cost and of
+violation separately, as their units suggest.
 
 **The tolerance** of 1e-6 changes nothing but the last digits: an answer may then be
 better than the best known cost by the effect of the tolerance.

@@ -30,13 +30,14 @@ TITLE = "# Against an earlier version\n\n"
 TEXT = """
 Made by `python benchmarks/releases.py ../earlier --write docs/measured/releases.md`,
 where `../earlier` is a checkout of 53ac769, the version before derivatives were machine
-code. CPU time, with the code of both kept on disk: a planner without a search is built,
-makes a plan without a guess, a plan from that plan, and a step of `RecedingHorizon`.
-The first plan polishes from zero controls, and since then from the middle of the bounds
-too, if that is not zero;
-"call" is the second `solve` with a seed. The build makes code now that the first plan
-made before, so both count together, too. Each number is the median of some rounds, of
-the ratio to the earlier version in each pair; in brackets the upper quartile.
+code. Compared is CPU time, with the machine code of both versions on disk: a planner
+without a search is built, and makes a plan without a guess, a plan from that plan, and
+a step of `RecedingHorizon`. The first plan starts IPOPT from zero controls, in the new
+version also from the middle of the bounds if that is not zero. "Call" is the second
+`solve` with a seed. In the new version the build makes code that the first plan made in
+the earlier one, so the two are also counted together. The two versions run in pairs;
+each number is the median ratio of the new to the earlier time over some pairs, in
+brackets the upper quartile.
 
 """
 PROGRAM = """
@@ -107,7 +108,7 @@ def finding(every: Mapping[str, Sequence[tuple[float, float]]]) -> str:
 
     Example:
         >>> finding({part: [(0.5, 1.0), (0.7, 1.2)] for part in WHAT})[:61]
-        'In the median of 2 problems another call takes 0.60 of the ti'
+        'In the median of 2 problems a repeated `solve` takes 0.60 of '
     """
     measured = {part: every.get(part, []) for part in WHAT}
     slower = {part: sum(q > MOST for _, q in each) for part, each in measured.items()}
@@ -116,12 +117,14 @@ def finding(every: Mapping[str, Sequence[tuple[float, float]]]) -> str:
         for part, each in measured.items()
     }
     return (
-        f"In the median of {len(every[TOGETHER])} problems another call takes "
-        f"{middle['call']} of the time of before, a warm plan {middle['warm plan']}, a "
-        f"step {middle['step']}, build and first plan {middle[TOGETHER]}; a bar of "
-        f"{MOST} for the upper quartile is missed in {slower['call']} problems by the "
-        f"call, in {slower['warm plan']} by a warm plan, in {slower['step']} by a "
-        f"step, and in {slower[TOGETHER]} by build and first plan."
+        f"In the median of {len(every[TOGETHER])} problems a repeated `solve` takes "
+        f"{middle['call']} of the time that it took in an earlier version, a plan from "
+        f'the last plan ("warm plan") {middle["warm plan"]}, a step in closed loop '
+        f"{middle['step']}, building and the first plan {middle[TOGETHER]}. A [bar]"
+        f"(../glossary.md#bar) of {MOST} for the upper quartile is missed by `solve` "
+        f"on {slower['call']} of the problems, by warm plans on {slower['warm plan']}, "
+        f"by steps on {slower['step']}, and by building and the first plan on "
+        f"{slower[TOGETHER]}."
     )
 
 

@@ -182,12 +182,13 @@ Made by `python benchmarks/search.py`. One core. All contestants of a table take
 {rounds} rounds in all; the numbers are medians (and quartiles) of the wall time of one
 search, each with another seed. Parts that are built once for a problem are built before
 the clock runs. All minimise cost + 1e4 violation with the same number of evaluations;
-the best cost is the median over {seeds} seeds. In A all run DE/rand/1/bin with F = 0.7
-and CR = 0.7, with different rules at the bounds. SciPy evaluates whole generations with
-our evaluator. pygmo's DE evaluates one individual at a time with CasADi, since it never
-asks for a whole generation; so its row measures search and evaluator together. In B the
-swarm has the settings of the formation flight; pygmo's PSO is another algorithm with
-its own settings, with either evaluator, shown for information.
+the best cost is the median over {seeds} seeds. In the tables A1 to A3 all run
+DE/rand/1/bin with F = 0.7 and CR = 0.7, with different rules at the bounds. SciPy
+evaluates whole generations with our evaluator. pygmo's DE evaluates one individual at a
+time with CasADi, since it never asks for a whole generation; so its row measures search
+and evaluator together. In table B the swarm has the settings of the formation flight;
+pygmo's PSO is another algorithm with its own settings, with either evaluator, shown for
+information.
 
 """
 

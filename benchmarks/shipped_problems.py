@@ -48,31 +48,33 @@ states its limit.
 - Pendulum on a cart: the value on 20 intervals is that of CasADi's Opti with the same
   grid. acados, whose first example it is, publishes no value of a finer grid; it is
   compared with our own value on 400 intervals.
-- Catalyst mixing: the share of the closed form is 1, then 0.2271, then 0, with the best
-  of both switches and of the share, by matrix exponentials. The 0.0480559 of COPS 3 is
-  4.5e-6 above it (claim 3).
+- Catalyst mixing: in the closed form the share of the first catalyst is 1, then 0.2271,
+  then 0; the times of both switches and the middle share are the best ones, computed by
+  matrix exponentials. The 0.0480559 of COPS 3 is 4.5e-6 above this value (claim 3).
 - Hypersensitive problem: along an optimum `x'^2 = x^2 + x^6 + c`; with the c for which
   both branches take 10 s, the cost is an integral over x. On a horizon without end c is
   0 and the cost 1.3308069, 7e-5 more.
-- Brachistochrone, race car and Goddard rocket decide their end time; the values on
-  their grids, and that of the fishing, are those of CasADi's Opti with the same grid.
-  COPS 3 rounds the rocket's 1.0128369 to 1.01284 (claim 3).
+- Brachistochrone, race car and Goddard rocket have a free end time; the values on their
+  grids, and that of `lotka_volterra_fishing`, are those of CasADi's Opti with the same
+  grid. COPS 3 rounds the rocket's 1.0128369 to 1.01284 (claim 3).
 - Shuttle re-entry: the value on 60 intervals is that of CasADi's Opti, same grid.
 - Race car and four discs: the values are along the whole path. At one check in each
-  interval CasADi's Opti finds 1.904634 and 10.818588 with the same grids (claim 3):
-  between them that car is too fast by 2.6e-4, and that vehicle cuts discs by up to
-  3 mm. The values on 400 intervals are along the path, too; of the discs, at eight
-  checks.
+  interval CasADi's Opti finds 1.904634 and 10.818588 with the same grids (claim 3).
+  Between the checks the Opti's car is too fast by 2.6e-4, and its vehicle cuts discs by
+  up to 3 mm. The values on 400 intervals are along the path, too; those of the four
+  discs keep the constraints at eight checks in each interval.
 - Bifunctional catalyst: ten constant blends belong to the problem. The yield of the
-  best known ones is that of matrix exponentials, and the published 10.0942 (claim 2).
+  best known blends is computed by matrix exponentials, and equals the published 10.0942
+  (claim 2).
 - Batch reactor: the first plan of do-mpc's example without its penalty of moves; each
   step of time is paid for, so the grid belongs to the problem.
-- Lynx and hares: an estimate, with a free start, four decided parameters and their
+- Lynx and hares: an estimate, with a free initial state, four free parameters and their
   priors, and the weather of each year. SciPy's least squares with DOP853 leave
   14.1312985 (claim 2); the rates are within a standard deviation of those that
   Carpenter (2018) found without weather (claims 3 and 4).
 - Two-stage launch: the tangent of the best pitch is linear in time, through both
-  stages; its two numbers and the time of the second stage are roots, with DOP853.
+  stages. Its two coefficients and the duration of the second stage are found as roots
+  of the end conditions, integrated by DOP853.
 - Supersonic climb: the tables and the air are those of PSOPT, whose result file gives
   318.8067 with splines of its own (claim 3). The values here are own measurements.
 
@@ -80,25 +82,28 @@ states its limit.
 TWO_VALUES = """
 ## At the checks, and along the path
 
-Constraints are imposed at checks. Between them the path may break them; the table has
-the excess in parts of their scale. Then the defaults solve again with a margin, and, if
-the margin costs something, with more checks instead. Both values are those of `python
-benchmarks/kept_values.py --write docs/measured/kept_values.json`, on the same grid of
-controls, with its own margins and checks, independent of `repair`. A seed counts if its
-cost is within 1e-4. If the excess is below `path_tolerance`, nothing is repaired, and
-the runs are the same. The gap with doubled intervals is that of one seed.
+Constraints are imposed at [checks](../glossary.md#check), and a path may break them in
+between; the table has the excess as a fraction of the constraint's scale. By default an
+answer that breaks a constraint is solved again with a margin, and, if the margin costs
+something, with more checks instead ([repair](../glossary.md#repair)). The values at the
+checks and along the path are computed by `python benchmarks/kept_values.py --write
+docs/measured/kept_values.json`, on the same grid of controls. That program has margins
+and checks of its own, independent of `repair`. A seed counts if its cost is within
+1e-4. If the excess is below `path_tolerance`, nothing is repaired, and the runs are the
+same. The gap with doubled intervals is that of one seed.
 
-The supersonic climb misses it. A path counts as kept up to 1e-4 of a scale; of its
-height that is 6.9 ft below the ground, of which the least time uses 4.2 as it starts.
+The supersonic climb misses its value along the path. A constraint counts as kept up to
+1e-4 of its scale. For the height of the climb this allows 6.9 ft below the ground, and
+the fastest answer uses 4.2 ft of it at its start.
 
 """
 WHOLE_TEXT = """
 ## Whole numbers
 
-`lotka_volterra_whole` is the fishing on 60 intervals with the fleet out or in harbour.
-The best plan is unknown. The bars were written before they were measured: the worst and
-the best answer of a genetic algorithm (1.3508 and 1.3501), and the cost 1.34466 of
-fishing with any part of the fleet.
+`lotka_volterra_whole` is `lotka_volterra_fishing` on 60 intervals, with the whole fleet
+either out or in harbour. The best plan is unknown. The [bars](../glossary.md#bar) were
+written before they were measured: the worst and the best answer of a genetic algorithm
+(1.3508 and 1.3501), and the cost 1.34466 of fishing with any part of the fleet.
 
 """
 

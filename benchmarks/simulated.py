@@ -204,17 +204,18 @@ def finding(worst: Mapping[str, Mapping[str, float]], seeds: int) -> str:
         for method in METHODS
     }
     found = (
-        f"On {len(near['surrogate'])} of {len(worst)} simulators that lack a formula, "
-        f"plans by a surrogate fitted to at most {ROLLOUTS} roll-outs end within "
-        f"{NEAR:.0%} of the optimum of the formula in all of {seeds} seeds; by CMA-ES "
-        f"with as many roll-outs on {len(near['CMA-ES']) or 'none'}"
+        "Three simulators are used without their formulas. On "
+        f"{len(near['surrogate'])} of {len(worst)}, plans by a surrogate model that is "
+        f"fitted to at most {ROLLOUTS} rollouts cost at most {NEAR:.0%} more than the "
+        f"true optimum, with each of {seeds} seeds; CMA-ES with as many rollouts "
+        f"achieves this on {len(near['CMA-ES']) or 'none'}"
     )
     for name, one in worst.items():
         if name in near["surrogate"]:
             continue
         found += (
-            f"; on the {name} the worst is {1 + one['surrogate']:.0f} times the "
-            f"optimum, and {1 + one['CMA-ES']:.0f} times by CMA-ES"
+            f"; on the {name} the worst plan costs {1 + one['surrogate']:.0f} times "
+            f"the optimum, with CMA-ES {1 + one['CMA-ES']:.0f} times"
         )
     return found + "."
 
@@ -229,13 +230,13 @@ def page(seeds: int, command: str) -> list[str]:
     return [
         finding(worst, seeds),
         "",
-        f"Made by `{command}`. Each simulator integrates the formula in steps ten "
-        "times shorter than those of the plan's model; costs are integrated along the "
-        "simulator's roll-outs by Simpson's rule. The settings of the surrogate loop "
-        "were chosen on seven other problems. The search with a surrogate stops by "
-        "itself when predicted and simulated costs agree and plans get no better; CPU "
-        "times are mostly those of plans and searches here, since these simulators "
-        "take little time.",
+        f"Made by `{command}`. Each simulator integrates a formula, which only the "
+        "judgement of the results uses, in steps ten times shorter than those of the "
+        "plan's model; costs are integrated along the simulator's rollouts by "
+        "Simpson's rule. The settings of the surrogate loop were chosen on seven other "
+        "problems. The search with a surrogate stops by itself when predicted and "
+        "simulated costs agree and plans get no better. CPU times are mostly those of "
+        "planning and searching, since these simulators take little time.",
         "",
         *tables,
         "The friction of the arm's joints changes steeply at rest (tanh of five times "
@@ -243,8 +244,9 @@ def page(seeds: int, command: str) -> list[str]:
         "optimum is small beside the costs of other motions. Two changes were tried on "
         "the arm and are no better: more monomials, and new plans that stay near the "
         "best one. Earlier, a rocket, with seven states and controls together, was "
-        "among the three problems. It is now among those on which the settings were "
-        "chosen; with them, its plans end within 0.7% of the optimum in two seeds.",
+        "among the three problems. It is now among the problems on which the settings "
+        "were chosen. With these settings its plans end within 0.7% of the optimum "
+        "with two seeds.",
         "",
     ]  # fmt: skip
 

@@ -255,7 +255,7 @@ def text(found: Measured) -> str:
     apart = abs(flown[OURS].cost / flown[THEIRS].cost - 1)
     said = (
         f"The nominal cost equals that of do-mpc to {apart:.0e}, and a step takes "
-        f"{found.ratio(OURS, THEIRS):.2f} of its time; {kept}, at a higher cost "
+        f"{found.ratio(OURS, THEIRS):.2f} of do-mpc's time; {kept}, at a higher cost "
         f"than a tree of scenarios, which reaches {_hottest(found, BRANCHED):.2f} here "
         f"and {_hottest(found, TREE):.2f} in do-mpc."
     )
@@ -272,16 +272,16 @@ Made by `python benchmarks/stirred_tank.py --write docs/measured/stirred_tank.md
 do-mpc installed. The problem and do-mpc's settings are those of its documentation,
 "Continuous stirred tank reactor": 20 intervals of 18 s, `rterm` F 0.1 and Q_dot 1e-3 of
 scaled controls, Radau collocation of degree 2, the bound of T_R soft with the penalty
-100; `n_robust` 0, or 1 with nine scenarios. Both take F 5 and Q_dot 0 as the controls
-before the run.
+100; `n_robust` 0, or 1 with nine scenarios. Both controllers take F 5 and Q_dot 0 as
+the controls before the run.
 
-Ours: one step of RK4 an interval, which the finer path confirms (its cost differs by
-3e-4), `previous=` for the changes of the controls, IPOPT from the last plan shifted.
+Ours: one step of RK4 an interval, which a finer integration confirms (its cost differs
+by 3e-4), `previous=` for the changes of the controls, IPOPT from the last plan shifted.
 The ensemble has one control sequence for all nine plants, so it does not use what later
 plans will know, and stays further from the bound than a tree, at a higher cost. The
 tree is the same ensemble with `robust_horizon=1`: after the first interval each tank
-has controls of its own. It bounds T_R in the middle of intervals, too, and 0.01 lower
-(`benchmarks/tank_tree.py`).
+has controls of its own. It bounds T_R in the middle of intervals, too, and its bound is
+0.01 deg C lower (`benchmarks/tank_tree.py`).
 
 The plant takes 50 steps of RK4 an interval, and T_R is the largest on that path; do-mpc
 bounds it at the beginnings of intervals only. In each run the controllers decide in

@@ -273,20 +273,24 @@ def page(
         np.median([t.step_ms for t in rows[one]]) for one in (DELAYED_HUNDRED, WEDGE)
     )
     return [
-        f"With acceptances, {hits} of {len(safe)} flights have a collision, and "
+        "If a vehicle changes its plan only after all others have accepted the new one "
+        f"(rule `acknowledged`), {hits} of {len(safe)} flights have a collision, and "
         f"{np.mean([t.flight.arrived_share for t in safe]):.1%} of the vehicles "
-        f"arrive; without them, {sum(not t.flight.is_safe for t in others)} of "
-        f"{len(others)} have one.",
+        "arrive; by rules without acceptances "
+        f"{sum(not t.flight.is_safe for t in others)} of {len(others)} flights have "
+        "one.",
         "",
         f"Made by `{command}`, on one of {os.cpu_count()} cores. The rules are those "
-        "of [committed plans](../explanation/committed_plans.md). Starts and goals are "
-        f"random in a cube, {APART * DISTANCE:.2g} m apart with z halved; the least "
-        f"distance is {DISTANCE} m; accelerations to 1 m/s^2 and speeds to 2 m/s "
-        f"along each axis; {SECONDS:g} s; a tick is 50 ms, a step 0.1 s. A flight "
-        "counts as a collision if a bound below the distance between samples is too "
-        "small. A plan lasts 30 s at most, or half of a longer flight. The cube holds "
-        "the starts and goals; the vehicles may leave it. The path ratio is the median "
-        "length of a path, by the straight way.",
+        "of [committed plans](../explanation/committed_plans.md). Starts are random in "
+        f"a cube and {APART * DISTANCE:.2g} m apart, if distances are measured with z "
+        f"halved, and so are goals; the least distance is {DISTANCE} m; accelerations "
+        f"to 1 m/s^2 and speeds to 2 m/s along each axis; {SECONDS:g} s; a tick is 50 "
+        "ms, a step 0.1 s. A flight has a collision if a lower bound of the distance "
+        "of two vehicles, which also holds between samples, is below the least "
+        "distance. A plan lasts 30 s at most, or half of a longer flight. The cube "
+        "holds the starts and goals; the vehicles may leave it. The path ratio is the "
+        "median of the length of a path divided by the straight line from its start to "
+        "its goal.",
         "",
         *bar_table(
             Bar(words, relation, bound, float(measured))
@@ -310,8 +314,10 @@ def page(
         ),
         "## Rules",
         "",
-        f"Ten vehicles in a cube of 2.2 m, the same seeds for each rule. `waiting` and "
-        f"`hearsay` part from the old plan after {SHORT_LEAD_S} s.",
+        "Ten vehicles in a cube of 2.2 m, the same seeds for each rule. By `waiting` "
+        f"and `hearsay` a new plan parts from the old one after {SHORT_LEAD_S} s; by "
+        "`waiting` a vehicle adopts the new plan at that time, if it has heard of "
+        "nothing in its way, by `hearsay` at once.",
         "",
         *gate_table(rules),
         "",
@@ -322,9 +328,9 @@ def page(
         "## The chapter's flight",
         "",
         f"`formation_v` settles after {settled:.3g} s, with all messages in time. "
-        f"`formation_v_lossy`, with the same starts, slots, bounds of acceleration and "
-        f"turn rate, and 30 % of the messages lost, arrives after {min(lossy):.3g} to "
-        f"{max(lossy):.3g} s in {len(lossy)} runs.",
+        "`formation_v_lossy`, with the same starts, slots and bounds of acceleration "
+        f"and turn rate, but 30 % of the messages lost, arrives after {min(lossy):.3g} "
+        f"to {max(lossy):.3g} s in {len(lossy)} runs.",
     ]
 
 

@@ -31,15 +31,15 @@ TOLERANCE = 1e-10
 BLOCK = 50_000
 _HEAD = """# Proven and refuted levels
 
-Made by `python benchmarks/terminal_sets.py --samples {number}`. Refuted: the nearest
-deviation found at which e'Pe does not decrease, the integrator's margin of a held input
-included (a local answer). Gap: refuted over proven, minus 1. If nothing is refuted, the
-level is that of the bounds or, for the tank, the largest within the model's domain.
-Seconds: the last proof alone. Violations: of {samples} random states of the set, half
-of them on its edge, simulated for one hold (or 1 s) by another integrator (DOP853,
-1e-10), the number that broke an input's bound, left the set at the end, or did not
-decrease. New: the system was not tried before the proof was finished, and nothing was
-changed afterwards.
+Made by `python benchmarks/terminal_sets.py --samples {number}`. Refuted: the lowest
+level e'Pe found at which a deviation e exists whose e'Pe does not decrease (a local
+answer; for held inputs the integrator's margin is included). Gap: refuted over proven,
+minus 1. If nothing is refuted, the level is that of the bounds or, for the tank, the
+largest within the model's domain. Seconds: the last proof alone. Violations: of
+{samples} random states of the set, half of them on its edge, simulated for one hold (or
+1 s) by another integrator (DOP853, 1e-10), the number that broke an input's bound, left
+the set at the end, or did not decrease. New: the system was not tried before the proof
+was finished, and nothing was changed afterwards.
 
 """
 

@@ -31,9 +31,9 @@ Made by `python benchmarks/threads.py --write docs/measured/threads.md`: `solve`
 `threads=1` and `threads=2` in turns, on the five shipped scenarios of `kind: problem`
 whose warm call takes longest. Seconds are wall time on two cores. "Times as fast" is
 the median, over pairs of calls, of the time with one thread divided by that with two.
-Of the time with one thread, "polishes" is the NLP solver's part, for all starts
-together, and "search" that of the population search. The answers with one and with two
-threads have the same bits.
+Of the time with one thread, "polishes" is the part of the NLP solver, for all starts
+together, and "search" the part of the population search. The answers with one and with
+two threads have the same bits.
 
 """
 

@@ -49,50 +49,63 @@ HELD = 0.9
 """Least fraction of the draws whose interval must contain the share."""
 TEXT = """# The share of optima not seen
 
-Made by `python benchmarks/unseen_share.py --write docs/measured/unseen_share.md`. The
-summary of [many starts](../answers.md#many-starts) states an upper limit of the share
-of such starts that, solved in the same way, end in an optimum that none of them found.
-Here each problem is solved from {lanes:,} starts; {draws} times some of them are drawn
-without replacement, and the statement of a draw, with its own distinct optima, is
-compared with
+Made by `python benchmarks/unseen_share.py --write docs/measured/unseen_share.md`.
 
-- the share of all {lanes:,} that ended in an optimum which no start of the draw found,
-  by the distinct optima of all {lanes:,};
-- the same share of those that were not drawn: the draw's own starts, which are seen,
-  are not among them;
-- the share of those that were not drawn and are apart, by more than {apart}, from each
-  optimum of the draw: the share that the statement is about, with optima distinguished
-  in its way.
+Of many random starts, the summary of [many starts](../answers.md#many-starts) states an
+upper limit: of further random starts, at most this share would end in an optimum that
+no start so far has found. Here each problem is solved from {lanes:,} starts. {draws}
+times some of these starts, a *draw*, are taken at random. The limit is computed from
+the draw alone: its answers are grouped into optima by comparing only the answers of the
+draw. The limit is compared with three shares:
 
-Starts that ended without an optimum count nowhere. Share and "at most" are means over
-the draws; the interval is that from 0 up to "at most", at 95 %. "More alone" is the
-share of a draw's starts that are alone in their optimum by the draw's own distinct
-optima, less that by those of all: whether answers that are about as far apart as the
-limit belong together depends on what else was drawn.
+1. of all {lanes:,} starts, those whose optimum no start of the draw found, if answers
+   are grouped by comparing all {lanes:,};
+2. the same share of the starts that are not in the draw;
+3. of the starts that are not in the draw, those whose path differs from each optimum of
+   the draw by more than {apart} (root mean square of the states, relative to how far
+   the best answer moves them). This is the share that the limit is about.
 
-Made again elsewhere, the rows of a problem differ in every number by 0 % or 0.05 at
-most.
+Starts that ended without an optimum are left out everywhere. In the table, "share not
+drawn" (the second share) and "at most" (the limit) are means over the draws. The limit
+is the upper end of a one-sided 95 % interval that begins at 0. "More alone" is the
+share of a draw's starts that are the only ones in their optimum if grouped within the
+draw, minus the same share if grouped within all {lanes:,}. The two can differ, since
+answers about {apart} apart may be grouped differently. The last three columns are the
+fractions of draws in which a share is below the limit.
+
+Made on another machine, the rows of a problem may differ: every number by 0 % or 0.05,
+whichever is more.
 
 """
 WAYS_TEXT = """
 ## Ways to state it
 
 With n1 optima found once and n2 found twice among n starts, each way states an upper
-end; all lower ends are 0. The first numbers are the least part of the draws in which it
-holds the last of the three shares, over all problems. "Laws" are multinomial ones with
-known shares ({laws} of them, 1,000 draws of each): 2 to 1,000 optima that are alike,
-Zipf's, geometric, and one frequent optimum with 1, 3 or 10 rare ones, found half a time
-to four times. The last is the mean end on {asked}.
+limit.
 
-- *score*: the account's, the largest U with (n U - n1)^2 <= 1.645^2 (n U (1 - U) + 2
-  n2), at least 3 / n: Wilson's (1927) way with the variance of Esty (1983).
-- *n1 + 1.96 sd*: n1 / n + 1.96 sqrt(n1 + 2 n2) / n: stated before.
+- Columns "problems, n": the fraction of draws of n starts in which the third share is
+  below the limit, on the problem on which this fraction is smallest.
+- Columns "laws, n": the same smallest fraction for multinomial distributions with known
+  shares, 1,000 samples of each. There are up to {laws} of them: 2 to 1,000 equally
+  likely optima; Zipf's; geometric; one frequent optimum with 1, 3 or 10 rare ones, each
+  expected half a time to four times in a sample. The bootstrap is too slow for these.
+- Columns "end, n": the mean limit on {asked}. Of two ways whose limits hold equally
+  often, the one with the smaller limit is better.
+
+The ways:
+
+- *score*, which `solve` uses: the largest U with (n U - n1)^2 <= 1.645^2
+  (n U (1 - U) + 2 n2), at least 3 / n: Wilson's (1927) way with the variance of Esty
+  (1983).
+- *n1 + 1.96 sd*: n1 / n + 1.96 sqrt(n1 + 2 n2) / n: used by earlier versions of
+  `solve`.
 - *Esty* (1983): n1 / n + 1.645 sqrt(n1 + 2 n2 - n1^2 / n) / n.
 - *Wilson* (1927), *Clopper-Pearson* (1934): a binomial n1, without n2.
-- *Chao and Jost* (2012): Esty's about (n1 / n) (n - 1) n1 / ((n - 1) n1 + 2 n2).
+- *Chao and Jost* (2012): Esty's, with n1 / n replaced by (n1 / n) (n - 1) n1 / ((n - 1)
+  n1 + 2 n2).
 - *bootstrap*: 100 draws from the optima found and from Chao's number of others.
 
-All but Wilson's and Clopper-Pearson's are at least 3 / n.
+All limits but Wilson's and Clopper-Pearson's are set to at least 3 / n.
 
 """
 
@@ -192,7 +205,7 @@ def table(found: Iterable[Held]) -> list[str]:
     """Return a row for each size of draws of each problem."""
     lines = head(
         "problem", "starts", "share not drawn", "at most", "more alone",
-        "holds that of all", "of those not drawn", "told apart by the draw",
+        "first share below", "second share below", "third share below",
     )  # fmt: skip
     for one in found:
         lines.append(
@@ -235,12 +248,17 @@ def ways_table(found: Sequence[Held], draws: int) -> list[str]:
 def bars(found: Iterable[Held]) -> list[Bar]:
     """Return what is asked for, and what was measured."""
     made = [
-        Bar(f"{one.problem}, {one.size} of all: holds", ">=", HELD, one.holds()[0])
+        Bar(
+            f"{one.problem}, {one.size} starts: draws with the first share below",
+            ">=",
+            HELD,
+            one.holds()[0],
+        )
         for one in found
         if one.problem in ASKED and one.size == SIZES[-1]
     ]
     least = min(one.holds()[2] for one in found)
-    text = "every problem and size, told apart by the draw: holds"
+    text = "every problem and size: draws with the third share below"
     return [*made, Bar(text, ">=", HELD, least)]
 
 

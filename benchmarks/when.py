@@ -34,19 +34,21 @@ nonlinearity or a long horizon alone does not.
 | --- | --- | --- |
 | none | rockets, reactors, tracking | IPOPT alone, from zero controls or a guess |
 | one or two | one obstacle to pass, four discs | IPOPT from random starts |
-| many | mazes, currents, arms among discs, a weak motor | the default call |
-| whole numbers | gears, switches | the default call: rounding is rarely best |
-| many, and no lanes | a stiff reactor, a family of paths | a search, then the polish |
+| many | mazes, currents, arms among discs, a weak motor | `solve` without options |
+| whole numbers | gears, switches | the same: rounding is rarely best |
+| many, in a problem without [lanes](glossary.md#lane) | \
+a stiff reactor; smooth paths with a few parameters | \
+a population search, then IPOPT from its best point |
 
-[Hard problems that nothing was tuned on](measured/held_back.md) compares the default
-call with IPOPT from random starts at equal CPU time, on new draws of eight families of
-problems as in rows three and four. [A comparison on hard problems](hard.md) compares
-methods and peers at equal CPU time.
+[Hard problems that nothing was tuned on](measured/held_back.md) compares `solve`
+without options with IPOPT from random starts at equal CPU time, on random problems of
+eight families, which belong to rows three and four. [A comparison on hard
+problems](hard.md) compares methods and peers at equal CPU time.
 
-After a run, the account of the default call shows which row was yours. If its line
-`lanes` says that all starts found one optimum, IPOPT alone would have been enough. If
-they found several, and only one start found the cheapest, it advises more starts
-([what an answer says](answers.md)).
+After a run, what `print(solution)` or `swarmstart run` prints shows which row was
+yours. If the line `lanes` says that all starts found one optimum, IPOPT alone would
+have been enough. If the starts found several optima, and only one start found the
+cheapest, more starts are advised ([what an answer says](answers.md)).
 """
 Scenario = Mapping[str, Any]
 
@@ -69,14 +71,15 @@ def main(folders: Sequence[str]) -> int:
 
 
 GROUPS = {
-    "IPOPT alone is the better choice": "From zero controls it finds the best cost "
-    "known (within 1 %), so no search can do better. Take `polish: ipopt` and no "
-    "search.",
-    "IPOPT from random starts is enough": "IPOPT from zero controls is not enough, "
-    "from random starts it is: their success rate is not shown to be below that of "
-    "lanes or a search.",
-    "Lanes, a search or `solve` find more": "Their success rate is above that of IPOPT "
-    "from random starts: the intervals of the two do not overlap.",
+    "IPOPT alone is the better choice": "From zero controls IPOPT finds the best "
+    "known cost (within 1 %), so no search can find a better one. Take `polish: ipopt` "
+    "and no search.",
+    "IPOPT from random starts is enough": "IPOPT from zero controls does not find the "
+    "best known cost. From random starts its success rate is not shown to be below "
+    "that of lanes or a search.",
+    "Lanes, a search or `solve` find more": "The success rate of one of these methods "
+    "is above that of IPOPT from random starts: the confidence intervals of the two do "
+    "not overlap.",
     "No solver comes near the best in more than half of its runs": "More time is "
     "needed, or another start.",
 }
@@ -121,13 +124,16 @@ def _table(found: Sequence[tuple[Scenario, str]]) -> list[str]:
 
 
 NOTES = {
-    "formation_obstacle_uav3": "is checked once a second, as in the chapter: searches "
-    "and random starts find cheaper plans that keep all limits at these instants, but "
-    "cut the obstacle between them and cannot be repaired",
-    "lotka_volterra_whole": "has controls of whole numbers: IPOPT relaxes and rounds "
-    "them, except from random starts",
-    "formation_v": "and the other flights are shipped with the chapter's own search "
-    "and budget, and without a polish; there `solve` runs them so",
+    "formation_obstacle_uav3": "is checked once a second, as in the book chapter from "
+    "which it comes ([The chapter](chapter/index.md)): searches and random starts find "
+    "cheaper plans that keep all limits at these instants, but cut the obstacle "
+    "between them and cannot be [repaired](answers.md#repair)",
+    "lotka_volterra_whole": "has controls of whole numbers. `solve`, `ipopt` and "
+    "`lshade+ipopt` solve the relaxed problem and round; `repeated-ipopt` and "
+    "`multistart+ipopt` refuse such problems, so they have no answer",
+    "formation_v": "and the other three flights are shipped with the book chapter's "
+    "search and budget and without IPOPT, so in their rows `solve` is that search "
+    "alone",
     "swap_5": "and `swap_8` search smooth paths to the goals, for which there are no "
     "lanes; in their rows, `multistart+ipopt` is IPOPT from random paths",
     "bifunctional_catalyst": "has hundreds of local optima; it is stiff, so there are "
@@ -179,8 +185,10 @@ def _preface(
         "# When does a swarm help?",
         "",
         f"Of {names} shipped problems and flights, IPOPT alone is the better choice on "
-        f"{counts[0]}, IPOPT from random starts is enough on {counts[1]}, and lanes, a "
-        f"search or `solve` find more on {counts[2]}"
+        f"{counts[0]}, IPOPT from random starts is enough on {counts[1]}, and on "
+        f"{counts[2]} the methods of this package (fast local solvers, a population "
+        "search, or `solve`, which combines them) come near the best more often than "
+        "IPOPT from random starts"
         + (f"; no solver is reliable on {counts[3]}." if counts[3] else "."),
         "",
         "Each cell has the number of runs that end within 1 % of the best known cost, "
@@ -189,8 +197,9 @@ def _preface(
         "compiling do not count). A time marked ~ is within a factor of "
         f"{NEAR_BUDGET:g} of the budget, so on another machine more or fewer runs may "
         "succeed. 'none in 1 s' means that no run succeeded in this budget; 'none' "
-        "means the same of runs that ended long before it. `solve` is what `swarmstart "
-        "run` does with the scenario as it is shipped; the [other columns]"
+        "means that no run succeeded, although all ended long before the budget. "
+        "`solve` is what `swarmstart run` does with the scenario as it is shipped; the "
+        "[other columns]"
         "(compare.md#solvers) are solvers of `compare`. `ipopt` starts at zero "
         "controls. It is run once, since nothing is random. The budget of a flight is "
         "that of each plan; "

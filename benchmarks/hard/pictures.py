@@ -44,9 +44,11 @@ Disc = tuple[float, float, float]
 TEXT = """# The optima of the hard problems
 
 This page shows the best optima of each [hard problem](hard_problems.md) side by side.
-One default call found them: its answer, and the best other optima of its lanes, each
-polished. There are fewer than three if no others kept all limits along the finer path.
-The word in brackets says [how a cost is known](hard_problems.md#best-known-values).
+They come from one call of `solve` without options: its answer, and the best other
+optima that its [lanes](glossary.md#lane) found, each polished by IPOPT. There are fewer
+than three if too few others kept all limits when they were integrated ten times finer.
+"Here" lists the costs of the pictures. The word in brackets says [how a cost is
+known](hard_problems.md#best-known-values).
 
 """
 

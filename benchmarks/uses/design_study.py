@@ -39,9 +39,9 @@ command line:
 Shorter poles move too fast for 20 intervals: below 0.23 m the finer grid gives another
 answer. "As cheap as `solve`" is the share of 40 lengths at which the answer costs at
 most 1e-3 more than `ss.solve` with its default search, and "cheaper than `solve`" the
-share at which it costs over 1e-3 less. A "kink" is where the slope of the cost changes
-over 20 times as much as in the median from one length to the next: two branches of
-optima cross there, and the force jumps by 9 N in some interval.
+share at which it costs over 1e-3 less. A "kink" is a length at which the slope of the
+cost changes by more than 20 times the median change from one length to the next: two
+branches of optima cross there, and the force jumps by 9 N in some interval.
 
 """
 

@@ -33,22 +33,24 @@ TEXT = """# A feedback map from many instances
 
 Made by `python benchmarks/uses/feedback_map.py --write docs/measured/feedback_map.md
 --plot docs/measured/feedback_map.png`. A weak motor swings up a pendulum: torque up to
-5 where gravity pulls with 9.81, 3 s in 30 intervals, either upright will do. One sweep
-solves this problem from each initial state of a grid of angle and speed. The same from
-the command line, with a table, a figure and all answers on disk:
+5 where gravity pulls with 9.81, 3 s in 30 intervals; both upright positions (turned
+left or right) are goals. One sweep solves this problem from each initial state of a
+grid of angle and speed. The same from the command line, with a table, a figure and all
+answers on disk:
 
     swarmstart sweep benchmarks/uses/swing_up.yaml
 
 The problem is the same from the mirrored state (-angle, -speed). "Mirrored" is the
-share of answers that cost at most 1e-3 more than that from the mirrored state; no part
-of the computation knows of it. "As cheap as `solve`" is the share of 40 answers, drawn
-from all, that cost at most 1e-3 more than `ss.solve` from there with its default
-search. A "border" is where the controls of two neighbours along the angle differ by
-more than 1 in the mean: they are of two basins. Jumps are medians of the absolute
-differences between neighbours. Where two branches of the cost cross, it has a kink
-and the first control jumps; a "step" is a border at which the cost jumps by more than
-3, too: on one side the motor can still catch the pendulum, on the other it needs one
-more swing. To see whether the higher costs there are optimal, 40 of those answers are
+share of answers that cost at most 1e-3 more than the answer from the mirrored state;
+the computation does not use this symmetry. "As cheap as `solve`" is the share of 40
+answers, drawn from all, that cost at most 1e-3 more than the answer of `ss.solve` from
+the same state with its default search. A "border" is where the controls of two
+neighbours along the angle differ by more than 1 in the mean: the two answers then
+belong to different [basins](../glossary.md#basin). Jumps are medians of the absolute
+differences between neighbours. Where two branches of the cost cross, it has a kink and
+the first control jumps; a "step" is a border at which the cost jumps by more than 3,
+too: on one side the motor can still catch the pendulum, on the other it needs one more
+swing. To see whether the higher costs there are optimal, 40 of those answers are
 compared with `solve`.
 
 """

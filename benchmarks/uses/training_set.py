@@ -37,14 +37,15 @@ map](feedback_map.md) visit 300,000 states at the beginnings of their intervals;
 rest of an optimal path is optimal for the time that is left, so each state, with its
 time, has an optimal control. A network (two hidden layers of 48, tanh) is fitted to
 100,000 of these pairs by L-BFGS: cos and sin of the angle, speed and time to the
-torque. Then it controls the pendulum from 500 states that were not in the set,
-drawn uniformly, and is compared with the optimal plan from each; without disturbances,
-a controller that solves the problem again at each step follows just that plan. Costs
-are integrated apart from the library, by Runge-Kutta steps of a twentieth of an
-interval. "Excess" is the network's cost relative to that of the plan, less 1.
+torque. Then the network controls the pendulum from 500 other states, drawn uniformly,
+and is compared with the optimal plan from each of them; without disturbances, a
+controller that solves the problem again at each step follows just that plan. Costs are
+integrated apart from the library, by Runge-Kutta steps of a twentieth of an interval.
+"Excess" is the network's cost relative to that of the plan, less 1.
 
-A network is smooth, but the optimal control jumps where basins meet. There it takes
-a mean of both ways, which is neither; hence the tail of the excess.
+A network is smooth, but the optimal control jumps where basins meet. There the network
+returns a mean of the two controls, which is near neither of them; hence the tail of the
+excess.
 
 """
 

@@ -109,7 +109,7 @@ def test_the_page_has_ratios_where_do_mpc_flew_and_none_elsewhere(
     assert "do-mpc" not in text(without).split("\n\n")[1]
     monkeypatch.setattr(stirred_tank, "version", lambda name: f"of {name}")
     finding = " ".join(text(found).split("\n\n")[1].split())
-    assert "to 2e-02, and a step takes 0.50 of its time" in finding
+    assert "to 2e-02, and a step takes 0.50 of do-mpc's time" in finding
     assert "below 135.00 deg C" in finding
     assert "reaches 139.99 here and 140.03 in do-mpc." in finding
 

@@ -53,8 +53,9 @@ def test_page_counts_collisions_with_and_without_acceptances() -> None:
     rows = {name: [safe] for name in names}
     said = page(rules, rows, (8.0, [9.0, 9.4]), "the command")
     assert said[0].startswith(
-        "With acceptances, 0 of 8 flights have a collision, and 100.0% of the "
-        "vehicles arrive; without them, 0 of 2 have one."
+        "If a vehicle changes its plan only after all others have accepted the new one "
+        "(rule `acknowledged`), 0 of 8 flights have a collision, and 100.0% of the "
+        "vehicles arrive; by rules without acceptances 0 of 2 flights have one."
     )
     assert "arrives after 9 to 9.4 s in 2 runs." in said[-1]
     assert "| delays | hearsay | 2 | 0 | 2 |" in "\n".join(gate_table(rules))

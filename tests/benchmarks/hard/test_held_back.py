@@ -65,12 +65,12 @@ def test_no_run_is_a_hit_if_no_answer_is_confirmed() -> None:
 def test_sizes_that_take_the_default_call_too_long_are_named_and_not_counted() -> None:
     short, long = held([1.0] * 4, [2.0] * 4), held([2.0], [1.0], LONGEST_S + 1.0)
     said = finding([short, long])
-    assert "On 1 draws of 1 families" in said
-    assert "4 of 4 (100%" in said
-    assert "in 0 of 4 (0%" in said
+    assert "On 1 random problems from 1 families" in said
+    assert "4 of 4 runs (100%" in said
+    assert "in 0 of 4 runs (0%" in said
     assert "Not counted above" in page([short, long], "it", 1)[-1]
 
 
 def test_share_of_hits_is_of_runs_and_not_of_draws() -> None:
     said = finding([held([1.0, 1.0, 2.0], [1.0]), held([1.0], [1.0])])
-    assert "3 of 4 (75%" in said
+    assert "3 of 4 runs (75%" in said
