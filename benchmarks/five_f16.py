@@ -75,7 +75,7 @@ def wanted_heading(seconds: Array) -> Array:
 
 
 @cache
-def planner(effort: float) -> ss.Planner:
+def planner(effort: float, solver: str) -> ss.Planner:
     """Return the planner of a follower: lags of speed and heading, and its slot."""
     x, u, slot = ca.SX.sym("x", 4), ca.SX.sym("u", 2), ca.SX.sym("slot", 2)
     speed, heading = x[0], x[1]
@@ -94,38 +94,40 @@ def planner(effort: float) -> ss.Planner:
         terminal_cost=10 * error,
         bounds=ss.Bounds(controls=([SPEED - 25, -most], [SPEED + 25, most])),
     )  # fmt: skip
-    return ss.Planner(problem, search=None, polish=ss.IpoptOptions())
+    ipopt = solver == "ipopt"
+    polish = ss.IpoptOptions() if ipopt else ss.NlpOptions(plugin=solver)
+    return ss.Planner(problem, search=None, polish=polish)
 
 
 class Planned:
     """Set points by plans, each of which begins at the last one."""
 
-    def __init__(self, effort: float = EFFORT) -> None:
+    def __init__(self, effort: float = EFFORT, solver: str = "ipopt") -> None:
         """Begin without plans.
 
         Args:
             effort: Weight of the heading's set point beyond the heading.
+            solver: NLP solver of CasADi that makes each plan.
         """
-        self._planner = planner(effort)
-        self._plans: dict[int, ss.Plan] = {}
+        self._slot = np.zeros((2, HORIZON + 1))
+        self._controller = ss.RecedingHorizon(
+            planner=planner(effort, solver),
+            reference=lambda times: self._slot,
+            append="last",
+        )
+        self._decisions: dict[int, ss.Decision] = {}
         self._rng = np.random.default_rng(0)
 
     def __call__(self, number: int, x: Array, slot: Array, heading: Array) -> Array:
         """Return the set points of a follower."""
-        last = self._plans.get(number)
-        guess = None
-        if last is not None:
-            guess = np.hstack([last.controls[:, 1:], last.controls[:, -1:]])
         # The distance of places counts, not where on the earth they are.
         start, origin = x.copy(), x[2:].copy()
         start[2:] -= origin
-        found = self._planner.plan(
-            start, known=ss.Known(signals=slot - origin[:, None]), guess=guess,
-            near=guess is not None, rng=self._rng,
-        )  # fmt: skip
-        self._plans[number] = found
-        u = found.controls[:, 0]
-        return np.array([u[0], x[1] + u[1]])
+        self._slot = slot - origin[:, None]
+        last = self._decisions.get(number)
+        found = self._controller.decide(0.0, start, last, rng=self._rng)
+        self._decisions[number] = found
+        return np.array([found.control[0], x[1] + found.control[1]])
 
 
 def proportional(number: int, x: Array, slot: Array, heading: Array) -> Array:
@@ -266,6 +268,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     flights: dict[str, list[Flown]] = {}
     seeds = range(FIRST_SEED, FIRST_SEED + options.seeds)
     flights["planned"] = [flight(Planned(), seed) for seed in seeds]
+    flights["planned by SQP"] = [flight(Planned(solver="qrsqp"), k) for k in seeds]
     flights["proportional"] = [flight(proportional, seed) for seed in seeds]
     flights["planned in haste"] = [flight(Planned(HASTY), FIRST_SEED)]
     command = command_of("benchmarks/five_f16.py", arguments)

@@ -135,7 +135,7 @@ class Sizing:
             along: A guess of the states at the nodes, shape (nx, nodes), which gives
                 the sizes of unbounded states.
         """
-        if self._first_controls().all():
+        if self._first_controls.all():
             guess = None  # Bounds or given sizes suffice.
         given = (x0, parameters, signals, guess, along)
         asked = [v if v is None else np.asarray(v, np.float64).tobytes() for v in given]
@@ -166,7 +166,7 @@ class Sizing:
             guess: Controls, shape (nu, N, M), as for one initial state.
             along: As for one initial state, for all of them.
         """
-        if self._first_controls().all():
+        if self._first_controls.all():
             guess = None  # Bounds or given sizes suffice.
         with np.errstate(over="ignore", invalid="ignore"):  # They give no size.
             return self._found(x0, parameters, signals, guess, along)
@@ -185,7 +185,7 @@ class Sizing:
         if along is not None and np.isfinite(along).all():
             way = np.abs(along - x0).max(axis=1)[:, None]
             states = np.where(self._is_open[:, None], np.maximum(states, way), states)
-        controls = np.repeat(self._first_controls()[:, None], x0.shape[1], axis=1)
+        controls = np.repeat(self._first_controls[:, None], x0.shape[1], axis=1)
         # A guess of the states shows how large they get; their starts do not.
         share = _NEEDED if along is None else 0.0
         states = self._without_tiny(at, states, controls, None, share)
@@ -226,7 +226,7 @@ class Sizing:
     def _points(self, x0: Array, parameters: Array, first: Array) -> "_Points":
         """Return points with their slopes, from arrays with an axis of M."""
         nx, M = x0.shape
-        middle = np.repeat(_middle(*self._problem.control_limits)[:, None], M, axis=1)
+        middle = np.repeat(self._middle[:, None], M, axis=1)
         slopes = np.array(self._slopes(x0, middle, parameters, first))
         signed = slopes.reshape(nx, M, -1).transpose(0, 2, 1)
         return _Points(x0, parameters, first, signed)
@@ -328,7 +328,7 @@ class Sizing:
             self._given[0][:, None],
             np.array(self._target(parameters, last)),
         )
-        middle = np.repeat(_middle(*self._problem.control_limits)[:, None], M, axis=1)
+        middle = np.repeat(self._middle[:, None], M, axis=1)
         ways = np.abs(np.array(self._ways(x0, middle, parameters, first, last)))
         ways[~np.isfinite(ways)] = 0.0
         ways = ways.reshape(x0.shape[0], M, -1)
@@ -346,6 +346,11 @@ class Sizing:
         ]
 
     @cached_property
+    def _middle(self) -> Array:
+        """Middles of the controls' bounds, shape (nu,)."""
+        return _middle(*self._problem.control_limits)
+
+    @cached_property
     def _is_open(self) -> NDArray[np.bool_]:
         """Mask of the states that have neither a width nor a given size."""
         return np.asarray((self._widths == 0) & (self._given[0] == 0))
@@ -360,8 +365,9 @@ class Sizing:
                     lower[i], upper[i] = one.value.lower, one.value.upper
         return np.where(np.isfinite(upper - lower), upper - lower, 0.0)
 
+    @cached_property
     def _first_controls(self) -> Array:
-        """Return sizes from bounds; 0 if these give none."""
+        """Sizes of controls from bounds; 0 if these give none."""
         lower, upper = self._problem.control_limits
         size = np.where(np.isfinite(upper - lower), upper - lower, 0.0)
         bound = np.maximum(
@@ -374,6 +380,14 @@ class Sizing:
         self, at: "_Points", states: Array, controls: Array, guess: Array | None
     ) -> tuple[Array, Array]:
         """Return the sizes, with zeros replaced from the dynamics if possible."""
+        key = _key(states, controls, guess)
+        if key not in at.filled:
+            at.filled[key] = self._newly_filled(at, states, controls, guess)
+        return at.filled[key]
+
+    def _newly_filled(
+        self, at: "_Points", states: Array, controls: Array, guess: Array | None
+    ) -> tuple[Array, Array]:
         nx = len(states)
         # A size passes on to one state a round, so a chain of states needs as many.
         for _ in range(2 * (nx + len(controls))):
@@ -500,7 +514,7 @@ class Sizing:
         self, at: "_Points", states: Array, controls: Array, guess: Array | None
     ) -> list[Array]:
         """Return all outputs at x0 and around it, each (rows, points, M)."""
-        key = states.tobytes() + controls.tobytes() + bytes([guess is None])
+        key = _key(states, controls, guess)
         if key not in at.seen:
             at.seen[key] = self._seen_around(at, states, controls, guess)
         return at.seen[key]
@@ -510,7 +524,7 @@ class Sizing:
     ) -> list[Array]:
         M = states.shape[1]
         lower, upper = (one[:, None] for one in self._problem.control_limits)
-        middle = np.repeat(_middle(lower, upper), M, axis=1)
+        middle = np.repeat(self._middle[:, None], M, axis=1)
         if guess is not None:
             free = ~(np.isfinite(lower) & np.isfinite(upper))
             middle = np.where(free, guess[:, 0], middle)
@@ -569,7 +583,7 @@ class Sizing:
         return tuple(rows)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class _Points:
     """M points to evaluate around: state, parameters, signals, and df / d(x, u).
 
@@ -581,11 +595,17 @@ class _Points:
     signals: Array
     signed: Array
     seen: dict[bytes, list[Array]] = field(default_factory=dict)
+    filled: dict[bytes, tuple[Array, Array]] = field(default_factory=dict)
 
-    @property
+    @cached_property
     def slopes(self) -> Array:
         """|df / d(x, u)|."""
         return np.abs(self.signed)
+
+
+def _key(states: Array, controls: Array, guess: Array | None) -> bytes:
+    """Return what a result depends on, for points and a guess that stay the same."""
+    return states.tobytes() + controls.tobytes() + bytes([guess is None])
 
 
 def _least(needed: Array) -> Array:
