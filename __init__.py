@@ -172,6 +172,7 @@ if TYPE_CHECKING:  # For type checkers; a test holds it against the table below.
         TrajectoryFamily as TrajectoryFamily,
         TransportDelay as TransportDelay,
         UncertifiedSetError as UncertifiedSetError,
+        UnitWarning as UnitWarning,
         WarmStartReport as WarmStartReport,
         WarmStartedSolver as WarmStartedSolver,
         compile_batch as compile_batch,
@@ -286,10 +287,10 @@ _NAMES = {
         SearchSettings Separation Solution SolutionStatus Solutions SolveError
         SolveInterrupted SolveManyInterrupted Source Start StartOutcome Step
         SteppedPlant Swarm SwarmController SwarmFlight Table Team TerminalConstraint
-        Trajectory TrajectoryFamily TransportDelay UncertifiedSetError WarmStartReport
-        WarmStartedSolver compile_batch disc ensemble fly interpolate multistart
-        phased_horizon phases simulate simulate_swarm solve solve_many stack_models
-        swarm_model table terminal_set_of warm_start
+        Trajectory TrajectoryFamily TransportDelay UncertifiedSetError UnitWarning
+        WarmStartReport WarmStartedSolver compile_batch disc ensemble fly interpolate
+        multistart phased_horizon phases simulate simulate_swarm solve solve_many
+        stack_models swarm_model table terminal_set_of warm_start
     """,
     "swarmstart.ocp.lower_bound.bounding": "lower_bound",
     "swarmstart.simulators": """

@@ -229,6 +229,7 @@ if TYPE_CHECKING:  # Loaded when first used: few commands need all of these.
     from swarmstart.ocp.system.stacked_models import (
         stack_models as stack_models,
     )
+    from swarmstart.ocp.system.units import UnitWarning as UnitWarning
 
 _NAMES = {
     "answer.multistart": "multistart",
@@ -289,6 +290,7 @@ _NAMES = {
     "system.model": "Model right_hand_side",
     "system.separation": "Connection Separation disc",
     "system.stacked_models": "stack_models",
+    "system.units": "UnitWarning",
 }
 _HOMES, __getattr__, __dir__ = door(__name__, _NAMES)
 __all__ = list(_HOMES)

@@ -393,17 +393,6 @@ def planned(decision: Decision) -> bool:
     return decision.mode is Mode.PLANNED
 
 
-def found_plans(decision: Decision) -> bool:
-    """Return whether planning found a feasible plan for every agent.
-
-    A step that follows the shifted last plan has found none, even if that plan is
-    feasible.
-    """
-    return all(
-        plan.feasible and plan.source is not Source.SHIFTED for plan in decision.plans
-    )
-
-
 def step_table(trajectory: Trajectory) -> str:
     """Return the steps of a run as CSV text, a line each.
 

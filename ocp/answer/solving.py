@@ -57,6 +57,7 @@ from swarmstart.ocp.search.many_starts import LANES
 from swarmstart.ocp.search.settings import SearchGiven, search_settings
 from swarmstart.ocp.statement.problem import OptimalControlProblem
 from swarmstart.ocp.statement.rewrites.chain import has_decisions
+from swarmstart.ocp.system import warn_of_units
 
 StartRule = Literal["must hold", "may violate"]
 PolishGiven = PolishOptions | str | bool | None
@@ -204,6 +205,7 @@ def solve(  # noqa: PLR0913 - the whole way in one call
             f"solve takes an OptimalControlProblem, got {shortened(problem)}"
         )
     require_seconds("bound", bound)
+    warn_of_units(problem.model.unit_conflicts())
     # The bound is that of the stated problem, whereas `posed` returns the core's.
     given = x0, known
     rng = generator_of(rng, seed)

@@ -39,6 +39,7 @@ class Paragraph(Enum):
     BROKEN_RUN = "broken-run"
     CASADI = "casadi"
     MORE_STATES = "more-states"
+    UNITS = "units"
     DEGREES = "degrees"
     RENAMED = "renamed"
 

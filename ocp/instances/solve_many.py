@@ -62,6 +62,7 @@ from swarmstart.ocp.nlp.polish_options import (
 )
 from swarmstart.ocp.rollout.fitness import KNOWN
 from swarmstart.ocp.statement.problem import OptimalControlProblem
+from swarmstart.ocp.system import warn_of_units
 
 
 @checked(
@@ -156,6 +157,7 @@ def solve_many(  # noqa: PLR0913 - the whole way in one call
         [1.0, 4.0]
     """
     data = read_data(problem, x0s, known, guesses)
+    warn_of_units(problem.model.unit_conflicts())
     generator_of(None, seed)  # For its errors.
     seeds = (int(seed),) if isinstance(seed, int | np.integer) else tuple(seed or ())
     polishing = polish_options(polish)

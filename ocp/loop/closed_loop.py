@@ -30,16 +30,18 @@ from swarmstart.machine_code import stopwatch
 from swarmstart.ocp.common.errors import DivergedError, InvalidProblemError, refused
 from swarmstart.ocp.common.expressions import shortened
 from swarmstart.ocp.common.limits import numbers_of
+from swarmstart.ocp.common.messages import Paragraph
 from swarmstart.ocp.common.presentation import (
     PROGRESS,
     Presented,
     ProgressGiven,
     shown,
 )
-from swarmstart.ocp.loop.controller import Controller, Decision
+from swarmstart.ocp.loop.controller import Controller, Decision, Mode
 from swarmstart.ocp.loop.plant import AnyPlant, Plant, SteppedPlant, plant_of
 from swarmstart.ocp.loop.simulated_plant import SimulatedPlant
 from swarmstart.ocp.statement.control_shape import piece_at, rows_at
+from swarmstart.ocp.system import warn_of_units
 
 _MIDDLES = 100
 """Points in time whose mean represents linear controls, for an object that holds."""
@@ -147,6 +149,19 @@ class Trajectory(Presented):
         return sum(any(plan.stopped for plan in d.plans) for d in self.decisions)
 
     @property
+    def infeasible_steps(self) -> int:
+        """Number of planned steps at which no feasible plan was found."""
+        return len(self._infeasible)
+
+    @property
+    def _infeasible(self) -> list[int]:
+        return [
+            number
+            for number, one in enumerate(self.decisions)
+            if one.mode is Mode.PLANNED and not one.has_feasible_plans
+        ]
+
+    @property
     def received(self) -> Array:
         """Controls that reached the equations of a `Plant`, shape (nu, T)."""
         if all(decision.acting is None for decision in self.decisions):
@@ -164,14 +179,21 @@ class Trajectory(Presented):
         """Return length, sizes and number of feasible plans in a few lines."""
         plans = [plan for decision in self.decisions for plan in decision.plans]
         feasible = sum(plan.feasible for plan in plans)
-        stopped = ""
+        stopped = without = ""
+        if self._infeasible:
+            explained = Paragraph.SOME_STEPS if feasible else Paragraph.NO_STEP
+            without = (
+                f"; without one: {self.infeasible_steps} of {len(self.decisions)} "
+                f"steps, the first at {self.times[self._infeasible[0]]:g} s "
+                f"(more: {explained})"
+            )
         if self.stopped_steps:
             stopped = f"; {self.stopped_steps} stopped when their time was over"
         return "\n".join(
             [
                 f"Trajectory of {len(self.decisions)} steps over {self.times[-1]:g} s: "
                 f"{self.states.shape[0]} states, {self.controls.shape[0]} controls",
-                f"  plans: {feasible} of {len(plans)} feasible",
+                f"  plans: {feasible} of {len(plans)} feasible{without}",
                 f"  decisions: {float(np.median(self.step_seconds)):.3g} s (median)"
                 f"{stopped}",
             ]
@@ -404,6 +426,8 @@ def simulate(  # noqa: PLR0913 - a closed loop in one call
         ((2, 13), (1, 12))
     """
     rng = generator_of(rng, seed)
+    if isinstance(plant, Plant):
+        warn_of_units(plant.model.unit_conflicts())
     flown: list[Step] = []
     with shown(progress, "simulate", "simulating", total=steps) as told:
         for step in fly(plant, controller, x0, steps=steps, rng=rng):

@@ -124,6 +124,17 @@ class Decision:
         """Control that reaches the equations of a `Plant`, shape (nu,)."""
         return self.control if self.acting is None else self.acting
 
+    @property
+    def has_feasible_plans(self) -> bool:
+        """True if planning found a feasible plan for every agent.
+
+        A step that follows the shifted last plan has found none, even if that plan is
+        feasible.
+        """
+        return all(
+            plan.feasible and plan.source is not Source.SHIFTED for plan in self.plans
+        )
+
     def __repr__(self) -> str:
         """Return mode, control and number of plans in one line."""
         control = ", ".join(f"{value:.4g}" for value in self.control[:_SHOWN])

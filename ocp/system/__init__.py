@@ -9,7 +9,7 @@ from swarmstart.ocp.system.constraints import (
     row_excess,
 )
 from swarmstart.ocp.system.model import shown_units
-from swarmstart.ocp.system.units import read_unit
+from swarmstart.ocp.system.units import read_unit, warn_of_units
 
 __all__ = [
     "MovingLimit",
@@ -17,4 +17,5 @@ __all__ = [
     "read_unit",
     "row_excess",
     "shown_units",
+    "warn_of_units",
 ]

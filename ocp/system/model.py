@@ -434,6 +434,8 @@ class Model(Expressed):
     def unit_conflicts(self) -> tuple[str, ...]:
         """Return a sentence for each equation whose units contradict each other.
 
+        `solve`, `solve_many` and `simulate` warn of them.
+
         The terms of sums are compared, the arguments of functions such as the sine, and
         each rate with its state. Plain numbers, and parameters without a unit, may have
         any unit. `swarmstart check` warns of the same in a file.

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import functools
 import re
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
@@ -17,6 +18,7 @@ from typing import Any
 
 import casadi as ca
 
+from swarmstart.ocp.common.messages import Paragraph
 from swarmstart.tape import Node, Tape, UnknownOperationError, read_tape
 
 _POWER = re.compile(r"(?<=[^\W\d_])(-?\d)")
@@ -34,6 +36,10 @@ _NUMBERS = (
 _COMPARED = ("lt", "le", "eq", "ne", "and", "or", "not", "sign", "atan2")
 """Functions of values in one unit that return a number."""
 _POWERS = {"sq": Fraction(2), "sqrt": Fraction(1, 2), "inv": Fraction(-1)}
+
+
+class UnitWarning(UserWarning):
+    """Units of a model contradict each other in an equation."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,6 +154,16 @@ class Equations:
     names: Sequence[str]
     units: Mapping[str, str]
     kinds: Mapping[str, tuple[Sequence[str], ca.SX]]
+
+
+def warn_of_units(conflicts: Sequence[str]) -> None:
+    """Warn of units that contradict each other, at the call of the caller's door."""
+    for words in conflicts:
+        warnings.warn(
+            f"{words} (more: {Paragraph.UNITS})",
+            UnitWarning,
+            stacklevel=4,  # The user's call, such as that of solve.
+        )
 
 
 def conflicts_of(equations: Equations) -> tuple[str, ...]:

@@ -16,7 +16,7 @@ from swarmstart.ocp.compiled import backend
 from swarmstart.ocp.nlp.optimality import Curvature
 from swarmstart.ocp.nlp.polish_options import PolishStatus
 from swarmstart.ocp.rollout.status import SolutionStatus
-from swarmstart.ocp.system import control_systems
+from swarmstart.ocp.system import control_systems, units
 from swarmstart.tests.docs.conftest import DOCS, ROOT
 
 PAGE = DOCS / "messages.md"
@@ -127,7 +127,14 @@ def of_an_old_name() -> str:
     return solvers_of("multistart-ipopt")[0].hint
 
 
+def of_units() -> str:
+    with pytest.warns(units.UnitWarning) as found:
+        units.warn_of_units(["the rate of x is in m, expected m/s: x is in m"])
+    return str(found[0].message)
+
+
 OF_WARNINGS = {
+    Paragraph.UNITS: of_units,
     Paragraph.CASADI: of_casadi,
     Paragraph.MORE_STATES: of_more_states,
     Paragraph.DEGREES: of_degrees,
@@ -143,9 +150,9 @@ def test_a_warning_ends_with_the_address_of_its_paragraph(paragraph: Paragraph) 
 def test_each_warning_has_a_paragraph() -> None:
     found = [
         name
-        for module in (backend, control_systems)
+        for module in (backend, control_systems, units)
         for name, kind in inspect.getmembers(module, inspect.isclass)
         if issubclass(kind, UserWarning) and kind.__module__ == module.__name__
     ]
-    assert sorted(found) == ["BackendWarning", "NonMinimalWarning"]
+    assert sorted(found) == ["BackendWarning", "NonMinimalWarning", "UnitWarning"]
     assert all(f"**{name}" in TEXT for name in found)

@@ -19,7 +19,7 @@ from swarmstart.cases.kinds.flight import flight_of
 from swarmstart.cases.record.bound_content import CERTIFICATE
 from swarmstart.cases.record.multiplier_arrays import told
 from swarmstart.cases.record.record import run_key, versions
-from swarmstart.cases.record.trajectory_arrays import found_plans, planned
+from swarmstart.cases.record.trajectory_arrays import planned
 from swarmstart.errors import Sendable
 from swarmstart.ocp import (
     DualMode,
@@ -89,7 +89,7 @@ def _status_of(flight: Flight[Posed], trajectory: Trajectory) -> RunStatus:
         return _of_committed(cast("CommittedDecision", trajectory.decisions[-1]))
     if flight.posed.open_loop:
         return _of_one_plan(flight, trajectory, unproven)
-    found = [found_plans(d) for d in trajectory.decisions if planned(d)]
+    found = [d.has_feasible_plans for d in trajectory.decisions if planned(d)]
     infeasible, linear = found.count(False), len(trajectory.decisions) - len(found)
     more = _searched(trajectory) + _stopped(trajectory) + unproven
     if not infeasible:

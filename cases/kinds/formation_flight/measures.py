@@ -24,7 +24,7 @@ from swarmstart.cases.kinds.planar import (
     smallest_pair_distance,
     smallest_range,
 )
-from swarmstart.cases.record.trajectory_arrays import effort, found_plans, planned
+from swarmstart.cases.record.trajectory_arrays import effort
 from swarmstart.ocp import Mode, Trajectory, interpolate
 from swarmstart.terminal_set import held_spectral_radius, input_excess, linearise
 
@@ -49,9 +49,7 @@ def measure(
         **_terminal_set(flight, trajectory),
         **effort(trajectory),
         "plan_cost": _plan_cost(scenario, trajectory),
-        "infeasible_steps": sum(
-            planned(d) and not found_plans(d) for d in trajectory.decisions
-        ),
+        "infeasible_steps": trajectory.infeasible_steps,
     }
     return {name: measures[name] for name in MEASURES}
 

@@ -24,7 +24,7 @@ from swarmstart.cases.kinds.reconfiguration.names import MEASURES
 from swarmstart.cases.kinds.reconfiguration.pose import ReconfigurationFlight
 from swarmstart.cases.kinds.reconfiguration.problem import position_errors
 from swarmstart.cases.kinds.reconfiguration.scenario import ReconfigurationScenario
-from swarmstart.cases.record.trajectory_arrays import effort, found_plans, plan_costs
+from swarmstart.cases.record.trajectory_arrays import effort, plan_costs
 from swarmstart.heuristics import LSHADE, Budget, RandomSearch, feasibility_first
 from swarmstart.ocp import (
     IpoptOptions,
@@ -68,7 +68,7 @@ def measure(
         **_costs(scenario, flight, trajectory),
         **_motion(flight, trajectory),
         "penalty_max": max(plan.violation for plan in plans),
-        "infeasible_steps": sum(not found_plans(d) for d in trajectory.decisions),
+        "infeasible_steps": trajectory.infeasible_steps,
         **effort(trajectory),
     }
     return {name: measures[name] for name in MEASURES}

@@ -1,4 +1,4 @@
-"""Flights as arrays and back; each plan counts once; steps that found one are known."""
+"""Flights as arrays and back; each plan counts once."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from swarmstart.arrays import Array
 from swarmstart.cases.record.trajectory_arrays import (
     control_rows,
     effort,
-    found_plans,
     held_controls,
     new_plans,
     plan_costs,
@@ -47,20 +46,6 @@ def planner() -> Planner:
 
 def plan(planner: Planner, control: float, source: Source) -> Plan:
     return planner.evaluated(np.array([[control]]), [0.0], source=source)
-
-
-def test_plans_are_found_if_all_are_feasible_and_none_is_the_last_one_shifted(
-    planner: Planner,
-) -> None:
-    good, bad = (plan(planner, u, Source.SEARCH) for u in (1.0, 0.5))
-    shifted = plan(planner, 1.0, Source.SHIFTED)
-    for plans, found in (
-        ((good, good), True),
-        ((good, bad), False),
-        ((shifted, good), False),
-        ((plan(planner, 0.5, Source.SHIFTED),), False),
-    ):
-        assert found_plans(Decision(control=np.ones(1), plans=plans)) is found
 
 
 def test_step_under_the_linear_law_is_not_planned(planner: Planner) -> None:

@@ -13,12 +13,15 @@ from swarmstart.ocp import (
     Decision,
     DivergedError,
     InvalidProblemError,
+    IpoptOptions,
     Model,
     OptimalControlProblem,
+    Plan,
     Planner,
     Plant,
     RecedingHorizon,
     SearchSettings,
+    Source,
     Step,
     collected,
     fly,
@@ -41,6 +44,49 @@ class Clockwork:
     ) -> Decision:
         memory = previous.control if previous else np.zeros(1)
         return Decision(control=memory + time, plans=())
+
+
+@pytest.fixture(scope="module")
+def braking() -> OptimalControlProblem:
+    """x' = v, v' = u, |v| <= 1, |u| <= 2; from v = 1.5 no plan keeps the bound."""
+    x, u = ca.SX.sym("x", 2), ca.SX.sym("u")
+    return OptimalControlProblem(
+        Model(states=x, controls=u, ode=ca.vertcat(x[1], u)), horizon=1.0, intervals=5,
+        stage_cost=ca.sumsqr(x) + u**2,
+        bounds=Bounds(states=([-9, -1], [9, 1]), controls=(-2, 2)),
+    )  # fmt: skip
+
+
+def test_a_run_counts_its_steps_without_a_feasible_plan(
+    braking: OptimalControlProblem,
+) -> None:
+    loop = RecedingHorizon(planner=Planner(braking, search=None, polish=IpoptOptions()))
+    plant = Plant(braking.model, dt=loop.dt, substeps=2)
+    slow = simulate(plant, loop, [0.0, 0.9], steps=4, seed=0)
+    assert slow.infeasible_steps == 0 and "without" not in repr(slow)
+    fast = simulate(plant, loop, [0.0, 1.5], steps=4, seed=0)
+    assert 0 < fast.infeasible_steps < 4
+    words = f"; without one: {fast.infeasible_steps} of 4 steps, the first at 0 s"
+    assert f"{words} (more: docs/messages.md#some-steps)" in repr(fast)
+    lost = simulate(plant, loop, [0.0, 1.5], steps=1, seed=0)
+    assert "docs/messages.md#no-step" in repr(lost)
+
+
+def test_plans_are_found_if_all_are_feasible_and_none_is_the_last_one_shifted(
+    braking: OptimalControlProblem,
+) -> None:
+    planner = Planner(braking, search=None, backend="casadi")
+
+    def plan(speed: float, source: Source = Source.SEARCH) -> Plan:
+        return planner.evaluated(np.zeros((1, 5)), [0.0, speed], source=source)
+
+    good, bad, shifted = plan(0.5), plan(1.5), plan(0.5, Source.SHIFTED)
+    for plans, found in (
+        ((good, good), True), ((good, bad), False), ((shifted, good), False),
+        ((plan(1.5, Source.SHIFTED),), False),
+    ):  # fmt: skip
+        decision = Decision(control=np.zeros(1), plans=plans)
+        assert decision.has_feasible_plans is found
 
 
 @pytest.fixture(scope="module")

@@ -1,5 +1,6 @@
 """Units are carried to prints, figures, records and tables, and are compared."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -164,3 +165,29 @@ def test_stacked_members_phases_and_ensembles_keep_the_units() -> None:
 def test_a_delay_keeps_the_units() -> None:
     problem = replace(stated(), features=(TransportDelay({"u": 0.25}),))
     assert lowered(problem).core.model.units["x"] == "m"
+
+
+def test_solve_solve_many_and_simulate_warn_of_units_at_their_call() -> None:
+    """An angle in degrees: nothing is converted, and its sine is taken."""
+    x, u = ca.SX.sym("x", 2), ca.SX.sym("u")
+    model = ss.Model(
+        states=x, controls=u, ode=ca.vertcat(x[1], u - ca.sin(x[0])),
+        state_names=("angle", "rate"), units={"angle": "deg", "rate": "deg/s"},
+    )  # fmt: skip
+    problem = ss.OptimalControlProblem(
+        model, horizon=1.0, intervals=4, stage_cost=ca.sumsqr(x) + u**2,
+        bounds=ss.Bounds(controls=(-1, 1)),
+    )  # fmt: skip
+    loop = ss.RecedingHorizon(
+        planner=ss.Planner(problem, search=None, polish=ss.IpoptOptions())
+    )
+    plant, start = ss.Plant(model, dt=loop.dt, substeps=2), [0.1, 0.0]
+    words = re.escape("sin is taken of a value in deg")
+    for call in (
+        lambda: ss.solve(problem, start, search=None, lanes=0, seed=0),
+        lambda: ss.solve_many(problem, [[0.1], [0.0]], seed=0),
+        lambda: ss.simulate(plant, loop, start, steps=1, seed=0),
+    ):
+        with pytest.warns(ss.UnitWarning, match=words) as found:
+            call()
+        assert {one.filename for one in found} == {__file__}

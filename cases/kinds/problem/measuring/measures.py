@@ -51,11 +51,7 @@ from swarmstart.cases.kinds.problem.stated.values import (
     inputs_of,
     operations_of,
 )
-from swarmstart.cases.record.trajectory_arrays import (
-    effort,
-    found_plans,
-    planned,
-)
+from swarmstart.cases.record.trajectory_arrays import effort
 from swarmstart.ocp import (
     Mode,
     OptimalControlProblem,
@@ -151,9 +147,7 @@ def measured(
         "flown_cost": _finite(flown_cost),
         "constraint_excess": _finite(path_excess),
         "terminal_excess": _finite(terminal_excess),
-        "infeasible_steps": sum(
-            planned(d) and not found_plans(d) for d in trajectory.decisions
-        ),
+        "infeasible_steps": trajectory.infeasible_steps,
         "stopped_steps": trajectory.stopped_steps,
         "linear_steps": sum(d.mode is Mode.LINEAR for d in trajectory.decisions),
         **effort(trajectory),
