@@ -31,7 +31,7 @@ from swarmstart.ocp import (
 )
 from swarmstart.ocp.answer import start_of
 from swarmstart.ocp.instances import varied_names
-from swarmstart.ocp.loop import ReferenceSignals, known_at
+from swarmstart.ocp.loop import ReferenceSignals, known_at, of_given_length
 from swarmstart.ocp.rollout import from_near_start, shooting_of
 from swarmstart.ocp.statement import Appended
 from swarmstart.terminal_set import TerminalSet
@@ -268,6 +268,30 @@ class Posed:
     def vehicles(self) -> int:
         """Number of vehicles, or of agents that plan."""
         return len(self.agents)
+
+    @property
+    def planned(self) -> tuple[OptimalControlProblem, ...]:
+        """Problem of the plans of each agent; with `until` their length is given."""
+        problems = tuple(agent.problem for agent in self.agents)
+        if self.until is None:
+            return problems
+        return tuple(of_given_length(problem) for problem in problems)
+
+    def known_by(self, number: int, time: float, seen: tuple[Array, ...] = ()) -> Known:
+        """Return what an agent knows when it plans.
+
+        Args:
+            number: Number of the agent.
+            time: Time of the plan [s].
+            seen: Paths of the agents that it watches.
+        """
+        agent, length = self.agents[number], None
+        if self.until is not None:
+            length = min(agent.problem.length, self.until - time)
+        found = known_at(
+            agent.problem, time, agent.reference, agent.parameters, seen, length
+        )
+        return found._replace(previous=agent.previous)
 
     @property
     def begins_anew(self) -> bool:

@@ -7,6 +7,7 @@ from swarmstart.ocp.loop.closed_loop import flown_again
 from swarmstart.ocp.loop.controller import (
     ReferenceSignals,
     known_at,
+    of_given_length,
 )
 from swarmstart.ocp.loop.plant import begun, stepped
 from swarmstart.ocp.loop.simulated_plant import SimulatedPlant
@@ -17,5 +18,6 @@ __all__ = [
     "begun",
     "flown_again",
     "known_at",
+    "of_given_length",
     "stepped",
 ]

@@ -206,6 +206,20 @@ def known_at(
     )
 
 
+def of_given_length(problem: OptimalControlProblem) -> OptimalControlProblem:
+    """Return a problem whose core has the length of a plan as its last state.
+
+    Raises:
+        InvalidProblemError: If a control has a delay.
+    """
+    if problem.features:
+        raise InvalidProblemError(
+            "until changes the length of intervals, which a delay counts: "
+            "expected a problem without features"
+        )
+    return replace(problem, features=(Shrinking(),))
+
+
 @checked(
     refused,
     planner=of_kind(Planner, "a Planner"),
@@ -325,13 +339,8 @@ class RecedingHorizon:
         """Take a planner whose plans have a length that is given, and a period."""
         stated = self.planner.stated
         if not any(isinstance(one, Shrinking) for one in stated.features):
-            if stated.features:
-                raise InvalidProblemError(
-                    "until changes the length of intervals, which a delay counts: "
-                    "expected a problem without features"
-                )
-            shrinking = replace(stated, features=(Shrinking(),))
-            object.__setattr__(self, "planner", planner_of(shrinking, self.planner))
+            planner = planner_of(of_given_length(stated), self.planner)
+            object.__setattr__(self, "planner", planner)
         if self.period is None:
             object.__setattr__(self, "period", stated.length / stated.intervals)
 

@@ -21,7 +21,6 @@ from swarmstart.cases.record.record import SCENARIO
 from swarmstart.cases.record.results import Record
 from swarmstart.errors import SwarmstartError
 from swarmstart.ocp import Fitness, Known, Trajectory
-from swarmstart.ocp.loop import known_at
 from swarmstart.ocp.rollout import shooting_of
 
 Paths = Sequence[tuple[float, Sequence[Array | None]]]
@@ -98,13 +97,11 @@ def _paths(posed: Posed, flight: Trajectory, vehicles: int) -> Paths:
     """Return the paths of the plans, by the instant at which they were made."""
 
     def known(step: int, number: int) -> Known:
-        agent = posed.agents[number]
         # The paths of others are in constraints alone, and do not move a vehicle.
-        time, seen = float(flight.times[step]), agent.unseen()
-        found = known_at(agent.problem, time, agent.reference, agent.parameters, seen)
-        return found._replace(previous=agent.previous)
+        seen = posed.agents[number].unseen()
+        return posed.known_by(number, float(flight.times[step]), seen)
 
-    problems = tuple(agent.problem for agent in posed.agents)
+    problems = posed.planned
     flown = Flown(
         problems=problems,
         trajectory=flight,

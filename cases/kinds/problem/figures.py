@@ -85,12 +85,12 @@ def draw(
                 else lambda time: parameters(np.array([time]))[:, 0],
             ),
         )
+    posed = replace(flight.posed, agents=agents)
     vehicles = scenario.vehicles.members if scenario.vehicles else []
 
     def known(step: int, number: int) -> Known:
         agent, time = agents[number], float(trajectory.times[step])
-        seen = agent.seen(partial(_shown, step))
-        found = known_at(agent.problem, time, agent.reference, agent.parameters, seen)
+        found = posed.known_by(number, time, agent.seen(partial(_shown, step)))
         return found._replace(previous=_held_before(step, agent))
 
     def _held_before(step: int, agent: PosedAgent) -> Array | None:
@@ -137,9 +137,8 @@ def draw(
         vehicles=[vehicle.name for vehicle in vehicles] or ("",),
         maximize=scenario.maximize,
     )
-    problems = [agent.problem for agent in agents]
     figures = figures_of(
-        problems,
+        posed.planned,
         trajectory,
         labels=labels,
         known=known,
@@ -148,7 +147,7 @@ def draw(
     )
     if scenario.uncertain is None:
         return figures
-    return [*figures, *member_figures(flight, every, labels, problems[0])]
+    return [*figures, *member_figures(flight, every, labels, posed.planned[0])]
 
 
 def _place(scenario: ProblemScenario, labels: Labels) -> Place | None:
@@ -246,12 +245,9 @@ def draw_from_python(
     trajectory: Trajectory,
 ) -> Figures:
     """Return all figures that apply to a run by name, in order."""
-    (agent,) = flight.posed.agents
+    posed = flight.posed
 
     def known(step: int, number: int) -> Known:
-        del number
-        time = float(trajectory.times[step])
-        found = known_at(agent.problem, time, agent.reference, agent.parameters)
-        return found._replace(previous=agent.previous)
+        return posed.known_by(number, float(trajectory.times[step]))
 
-    return figures_of(agent.problem, trajectory, known=known, title=scenario.title)
+    return figures_of(posed.planned, trajectory, known=known, title=scenario.title)

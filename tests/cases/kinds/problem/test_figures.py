@@ -1,5 +1,6 @@
 """A problem is drawn with its own names and units, and with what its plans knew."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -7,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from swarmstart.arrays import Array
 from swarmstart.cases.drawing import problem_figures
 from swarmstart.cases.kinds.flight import flight_of
 from swarmstart.cases.kinds.problem import figures
@@ -67,6 +69,15 @@ def without_states(path: Trajectory) -> Trajectory:
     )
 
 
+def with_starts(path: Trajectory, starts: Sequence[Array]) -> Trajectory:
+    """Return a path with the start of each plan, which a record keeps as well."""
+    decisions = [
+        replace(one, plans=(replace(one.plans[0], start=start),))
+        for one, start in zip(path.decisions, starts, strict=True)
+    ]
+    return replace(path, decisions=tuple(decisions))
+
+
 def test_one_problem_is_drawn_with_its_names_and_units(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -101,6 +112,39 @@ def test_a_plan_is_drawn_with_what_it_knew(
         np.testing.assert_allclose(np.array(second.signals), shown, atol=1e-9)
 
 
+@pytest.mark.parametrize("recorded", [False, True])
+def test_plans_that_end_at_a_fixed_time_are_drawn_as_they_were_made(
+    recorded: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each with the signals of its own horizon, and the states that it predicted."""
+    text = """\
+kind: problem
+states: {level: {start: 0, rate: inflow + 0.1*wave}}
+controls: {inflow: {bounds: [-2, 2]}}
+signals: {wave: {times: [0, 1, 2, 3], values: [0, 1, -1, 0]}}
+stage_cost: inflow**2
+path: [{expression: level, upper: 3.2}]
+terminal: [{expression: level, equals: 3}]
+prediction: {horizon_s: 2, intervals: 4}
+feedback: {law: receding_horizon, ends_at_s: 3, period_s: 0.5}
+search: {name: none}
+"""
+    given, path, _ = drawn(text, tmp_path, monkeypatch, recorded=recorded)
+    starts = [decision.plans[0].x0 for decision in path.decisions]
+    shown = with_starts(without_states(path), starts) if recorded else path
+    (problem,) = given["problem"]
+    flown = problem_figures.Flown(
+        problems=(problem,), trajectory=shown, labels=given["labels"],
+        known=given["known"],
+    )  # fmt: skip
+    plans = problem_figures.plan_paths(flown)
+    ends = [plan.times[-1] for plan in plans]
+    assert ends == pytest.approx([2.0, 2.5, 3.0, 3.0, 3.0, 3.0])
+    for plan, decision in zip(plans, path.decisions, strict=True):
+        predicted = decision.plans[0].states[:1]
+        np.testing.assert_allclose(plan.states, predicted, rtol=0, atol=1e-12)
+
+
 def test_vehicles_planned_together_are_one_problem(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -113,7 +157,7 @@ def test_states_that_keep_vehicles_apart_are_drawn_as_a_position(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     text = ORDERED.format(planning="joint").replace(
-        "rate: u - y", "rate: u - y, unit: m"
+        "rate: u - y", "rate: u - 0.5*y, unit: m"
     )
     text += "path: [{distance: [y - 3, x - 2], at_least: 0.1, name: mast}]\n"
     given, _, files = drawn(text, tmp_path, monkeypatch)
