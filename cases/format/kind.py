@@ -11,6 +11,7 @@ import numpy as np
 
 from swarmstart.arrays import Array
 from swarmstart.cases.format.document import meant, printable
+from swarmstart.cases.format.ramps import Ramp, ramps_of
 from swarmstart.cases.format.settings import LocatedFlaw, Scenario
 from swarmstart.errors import SwarmstartError
 from swarmstart.ocp import (
@@ -276,6 +277,21 @@ class Posed:
         if self.until is None:
             return problems
         return tuple(of_given_length(problem) for problem in problems)
+
+    @property
+    def ramps(self) -> tuple[Ramp, ...]:
+        """Signals that plans take as linear between two checks, though they jump."""
+        found = [
+            ramp
+            for agent in self.agents
+            for ramp in ramps_of(agent.problem, agent.reference)
+        ]
+        return tuple(dict.fromkeys(found))
+
+    @property
+    def differs(self) -> bool:
+        """True if the simulated system is another than that of the plans."""
+        return self.plant.differs or bool(self.ramps)
 
     def known_by(self, number: int, time: float, seen: tuple[Array, ...] = ()) -> Known:
         """Return what an agent knows when it plans.

@@ -40,6 +40,7 @@ class Paragraph(Enum):
     CASADI = "casadi"
     MORE_STATES = "more-states"
     UNITS = "units"
+    RAMP = "ramp"
     DEGREES = "degrees"
     RENAMED = "renamed"
 

@@ -7,7 +7,8 @@ import pytest
 
 import swarmstart as ss
 from swarmstart.cases.campaign.trials.solver_names import solvers_of
-from swarmstart.cases.commands.actions.checking import angle_warnings
+from swarmstart.cases.commands.actions.checking import angle_warnings, ramp_warnings
+from swarmstart.cases.kinds.problem.pose import pose
 from swarmstart.ocp.answer import paragraph_of
 from swarmstart.ocp.answer.explained import REASONS, status_line
 from swarmstart.ocp.common import Paragraph
@@ -17,6 +18,7 @@ from swarmstart.ocp.nlp.optimality import Curvature
 from swarmstart.ocp.nlp.polish_options import PolishStatus
 from swarmstart.ocp.rollout.status import SolutionStatus
 from swarmstart.ocp.system import control_systems, units
+from swarmstart.tests.cases.kinds.problem.conftest import scenario_of
 from swarmstart.tests.docs.conftest import DOCS, ROOT
 
 PAGE = DOCS / "messages.md"
@@ -133,7 +135,20 @@ def of_units() -> str:
     return str(found[0].message)
 
 
+def of_a_ramp() -> str:
+    text = """\
+kind: problem
+signals: {s: {times: [0, 0.5], values: [0, 1], between: hold}}
+states: {x: {start: 0, rate: s + u}}
+controls: {u: {bounds: [-1, 1]}}
+stage_cost: u**2
+prediction: {horizon_s: 1, intervals: 1}
+"""
+    return ramp_warnings(pose(scenario_of(text)))[0]
+
+
 OF_WARNINGS = {
+    Paragraph.RAMP: of_a_ramp,
     Paragraph.UNITS: of_units,
     Paragraph.CASADI: of_casadi,
     Paragraph.MORE_STATES: of_more_states,

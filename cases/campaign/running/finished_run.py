@@ -42,6 +42,7 @@ if TYPE_CHECKING:
 
 
 ROUNDED = 1e-9
+_MOST_RAMPS = 3
 """Distance of a vehicle from its plan that is rounding [m]."""
 
 
@@ -161,12 +162,13 @@ def _of_one_plan(
     if is_confirmed or said.startswith("not "):
         said = f"the plan is {said}"
     more = ""
-    if flight.posed.plant.differs:
+    if flight.posed.differs:
         more = ", for the model it was made with: the simulated system is another"
+        more += "".join(f"; {ramp}" for ramp in flight.posed.ramps[:_MOST_RAMPS])
     more += unproven
     explained = (
         paragraph_of(answer.status, answer.reason),
-        Paragraph.OTHER_SYSTEM if flight.posed.plant.differs else None,
+        Paragraph.OTHER_SYSTEM if flight.posed.differs else None,
         Paragraph.NOT_CERTIFIED if unproven else None,
     )
     return RunStatus(

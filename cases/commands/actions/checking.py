@@ -60,6 +60,7 @@ def check(name_or_path: str) -> str:
                 # A part of the errors shows only when the closed loop is built.
                 flight = flight_of(resolved.posed(), resolved.scenario)
                 warnings |= dict.fromkeys(unit_warnings(flight.posed))
+                warnings |= dict.fromkeys(ramp_warnings(flight.posed))
             if resolved.code is not None:
                 not_run[f"; {printable(resolved.code)} was not run"] = None
         except InvalidScenarioError as error:
@@ -78,6 +79,12 @@ def unit_warnings(posed: Posed) -> list[str]:
     models = [agent.problem.model for agent in posed.agents]
     # Vehicles that plan alone have the same equations, each with its own names.
     return [words for model in models for words in model.unit_conflicts()]
+
+
+def ramp_warnings(posed: Posed) -> list[str]:
+    """Return a warning for each signal that jumps between two checks of a plan."""
+    advice = f"; more checks make it shorter (more: {Paragraph.RAMP})"
+    return [f"{ramp}{advice}" for ramp in posed.ramps]
 
 
 def angle_warnings(settings: Mapping[str, Any]) -> list[str]:

@@ -119,7 +119,7 @@ def _of_problem(finished: Run) -> str:
             if status in (SolutionStatus.INFEASIBLE, SolutionStatus.NOT_FINITE):
                 return f"{said[:1].upper()}{said[1:]}."
             return f"{cost}, {said}."
-        return f"{cost}: {_MEANINGS[status]}.{settled}"
+        return f"{cost}: {_MEANINGS[status]}{finished.ended.more}.{settled}"
     said = "The cost of the simulated path is not finite"
     if is_number(measures.get("flown_cost")):
         said = f"{_cost(finished, 'flown_cost')} along the simulated path"
@@ -161,7 +161,7 @@ def _constraints(finished: Run) -> str:
     at_end = missed if status is not None else 0.0
     if max(along, at_end) <= KEPT:
         return f"All constraints are kept along the simulated path{_missed(missed)}."
-    is_plan = status is not None and not finished.flight.posed.plant.differs
+    is_plan = status is not None and not finished.flight.posed.differs
     if status is not None and (is_plan or not status.is_confirmed):
         # The finer check names the constraint, which the measure does not.
         path = finished.flight.answer(finished.trajectory).path
