@@ -113,7 +113,11 @@ class Basis:
         number = {tuple(e): j for j, e in enumerate(self.exponents.tolist())}
 
         def nested(axis: int, chosen: tuple[int, ...]) -> ca.SX:
-            """Return the sum over the remaining axes; nesting saves products."""
+            """Return the sum of the terms with given exponents in the first axes.
+
+            The factors of the axes before `axis`, whose exponents are `chosen`, are
+            left out; so nested sums need fewer products.
+            """
             total = ca.SX(0)
             for k in range(self.degree + 1 - sum(chosen)):
                 if axis < n - 1:

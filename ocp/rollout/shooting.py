@@ -225,7 +225,7 @@ class Shooting(Rebuilt):
         """Stage for a rollout: (x, u, p, S) -> (x after, cost, violation).
 
         It returns only the last of the states. With step size control, the states that
-        the ticks reach at the checks, and the integrals, are further arguments.
+        its steps reach at the checks, and the integrals, are further arguments.
         """
         whole = _closing(self) if self.problem.is_adaptive else self.stage
         arguments = [
@@ -238,11 +238,15 @@ class Shooting(Rebuilt):
 
     @property
     def tick(self) -> ca.Function:
-        """Function (z, u, p, s) -> z after one tick; see rodas.py."""
+        """Function (z, u, p, s) -> z after one trial step of the step size control.
+
+        The step may be accepted or not; z is as in integration/rodas.py, and s are the
+        signals at both ends of a check.
+        """
         return self.tick_to(self.problem.integrator_tolerance or 0.0)
 
     def tick_to(self, tolerance: float) -> ca.Function:
-        """Return the tick for another tolerance."""
+        """Return the function `tick` for another tolerance."""
         if tolerance not in self._ticks:
             self._ticks[tolerance] = tick_of(
                 self.problem, self.rate, tolerance=tolerance
@@ -251,7 +255,7 @@ class Shooting(Rebuilt):
 
     @cached_property
     def _ticks(self) -> dict[float, ca.Function]:
-        """Ticks by their tolerances."""
+        """Functions `tick` by their tolerances."""
         return {}
 
     @cached_property

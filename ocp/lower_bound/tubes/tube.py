@@ -2,19 +2,22 @@
 
     { x : D x <= s(t) },  s linear over slabs of time
 
+d_k is row k of D, the outward direction of face k; s_k(t) is the level of this face.
 Over each slab, s_k rises faster than
 
     r_k = max of d_k f(t, x, u) over  d_k x = s_k(t),  D x <= s(t),  all u,
 
-in rounded intervals (`faces.py`, `motion.py`), and s(0) >= D x0. Then no trajectory
-leaves the polytope: at its last moment inside it is on some faces. As f is continuous,
-d_k x rises more slowly than s_k on each of them for some time, and it cannot reach the
-other faces at once. The bounds of the states are part of the polytope here, with
-constant levels, since admissible trajectories keep them.
+and s(0) >= D x0, with f the right-hand side and x0 the initial state. r_k is bounded
+from above by interval arithmetic with outward rounding (`faces.py`, `motion.py`). Then
+no trajectory leaves the polytope: one that did would be on some faces at its last
+moment inside. As f is continuous, d_k x rises more slowly than s_k on each of these
+faces for some time, and the trajectory cannot reach the other faces at once. The bounds
+of the states are part of the polytope here, with constant levels, since admissible
+trajectories keep them.
 
-r depends on the s at the slab's end, which is raised until all rates fit; if that does
-not converge, the slab is halved. A face that does not touch the polytope may move
-freely: it is tightened until it touches.
+r_k depends on the levels at the slab's end, which are raised until every level rises
+fast enough; if that does not converge, the slab is halved. A face that does not touch
+the polytope may move freely: it is tightened until it touches.
 
 Source: Blanchini and Miani (2015), Set-Theoretic Methods in Control, section 4.2
 (Nagumo's condition); Dang and Maler (1998), Reachability Analysis via Face Lifting.
