@@ -70,10 +70,10 @@ well: `feasible` by 0.05, `best` by 0.1, `best cost` by 0.01 % of its value, and
 `optima` by 20 % of its value or by 2, whichever is larger.
 
 In the rows without lanes, "its steps are too long" means that the machine code of a
-solver's sweep over an interval would be too long: at most 30000 instructions are
-compiled. A sweep has at least 8 times as many instructions as the functions of an
-interval. So if these have more than 3750 (30000 / 8), the problem is refused before the
-sweep is derived.
+solver's sweep over an interval would have more instructions than are compiled. A sweep
+has at least 8 times as many instructions as the functions of an interval, so these are
+counted first. If they have more than an eighth of the limit, the problem is refused
+before the sweep is derived, and the row states this smaller limit.
 
 """
 

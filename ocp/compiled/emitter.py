@@ -12,8 +12,8 @@ only if they have one sign, so that nothing cancels, and if nothing else uses th
 partial sum.
 
 Steps of adaptive length are a loop of their own, until all individuals are done. Each
-turn of the loop is a tick, which ocp/integration/rodas.py defines; a tick changes
-nothing for an individual that is done.
+turn of the loop is a tick, in which every individual tries one step
+(integration/rodas.py); a tick changes nothing for an individual that is done.
 """
 
 import math
@@ -31,8 +31,9 @@ class Ticks:
     """Steps of adaptive length between checks; a tick tries one (integration/rodas.py).
 
     Attributes:
-        tick: Function (z, u, p, s) -> z after one tick, s flat over both ends of a
-            check; z is (y, |y| so far, left, h), y the states and the integrals.
+        tick: Function (z, u, p, s) -> z after one trial step, s flat over both ends of
+            a check; z is (y, largest |y| so far, part of the time left, step size h), y
+            the states and the integrals.
         checks: Number of checks in an interval.
         first: Step size h at the beginning of an interval.
         most: Largest number of ticks between two checks.
@@ -50,8 +51,9 @@ class Roll:
 
     Attributes:
         stage: Function (x, u, p, s) -> (x after, cost, violation), s flat over the
-            nodes of one interval. With ticks it has two more arguments: the states that
-            the ticks reach at each check, and the integrals.
+            nodes of one interval. With steps of adaptive length it has two more
+            arguments: the states that these steps reach at each check, and the
+            integrals.
         end: (x, p, s) -> (cost, violation), s at the last node.
         intervals: Number of intervals N.
         signals_per_interval: Offset to the signals of the next interval, ns * checks.

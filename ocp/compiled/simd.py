@@ -443,7 +443,7 @@ class Ticking:
     """Steps of adaptive length in an interval; a tick tries one (integration/rodas.py).
 
     Attributes:
-        tick: (z, u, p, s) -> z after one tick.
+        tick: (z, u, p, s) -> z after one trial step.
         checks: Number of checks in an interval.
         first: Step size h at the beginning of an interval.
         most: Largest number of ticks between two checks.

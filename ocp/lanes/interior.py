@@ -3,15 +3,17 @@
 An instance has an initial state, parameters and perhaps signals of its own. Every lane
 runs IPOPT's method with a Riccati recursion (interior_kernels.py). Lanes are
 independent: an answer has the same bits whatever the other lanes solve, and for any
-number of threads. Numbers are divided by the sizes of one instance of a call, though:
-with other instances in the call, all numbers and so the last digits of answers may
+number of threads. However, numbers are divided by the sizes of one instance of a call:
+with other instances in the call, all numbers, and so the last digits of answers, may
 differ.
 
-Some lanes are solved side by side in one memory (blocks.py). Names of an interval: x,
-xa (state after it), u, w (slacks and elastic variables), m and lam (multipliers), z
-(duals), the step "d.", and of the recursion k, K, V, v. Names of the ends: y (decisions
-about the start), x0, end, and w, m, z of both ends. Names of a lane: those of
-interior_verdict.py.
+Some lanes are solved side by side in one memory, whose rows have names (blocks.py).
+Names of an interval: x, xa (state after it), u, w (slacks and elastic variables), m
+(multipliers of its rows), lam (multiplier of F(x, u) - xa = 0), z (duals); the steps of
+these, which begin with "d."; and of the recursion k, K (step of u: k + K dx, with dx
+the step of x) and V, v (lam after the step: V dxa + v, with dxa the step of xa). Names
+of the ends: y (decisions about the start), x0, end, and w, m, z of both ends. Names of
+a lane: those of interior_verdict.py.
 """
 
 from collections.abc import Iterable, Mapping
@@ -385,7 +387,7 @@ def _layout_of(kernels: Interior[Kernel]) -> tuple[Layout, Rows]:
 
 
 class _Chunk:
-    """Some instances, of which the starts are in memory at once."""
+    """Some instances, whose starts are in memory at the same time."""
 
     def __init__(  # noqa: PLR0913, PLR0917 - instances and their starts
         self,

@@ -72,8 +72,9 @@ class Lengths(NamedTuple):
 
     Attributes:
         gain: Directional derivative of the barrier's value.
-        primal: Largest fraction of the step that keeps the variables within bounds.
-        dual: Largest fraction of the step that keeps the duals positive.
+        primal: Largest fraction of the step that leaves every variable a part of its
+            distances to bounds.
+        dual: Largest fraction of the step that leaves every dual a part of its value.
     """
 
     gain: ca.SX
@@ -114,7 +115,12 @@ def stepped(
 
 
 class Measures(NamedTuple):
-    """Measures of a point; see SUMS and TOPS."""
+    """Measures of a point.
+
+    Attributes:
+        sums: The sums that SUMS names, in that order.
+        tops: The largest absolute values that TOPS names, in that order.
+    """
 
     sums: ca.SX
     tops: ca.SX

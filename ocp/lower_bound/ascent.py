@@ -1,8 +1,9 @@
 """The sequence of proven bounds, from a set that holds all trajectories.
 
-For rising degrees: polynomials that shrink the set by means of the known cost, as long
-as that pays, then a polynomial whose value at the start, which gives the bound, is
-high.
+For each of some rising degrees, polynomials first show that no trajectory through some
+points of the set costs less than an answer that is known; the set shrinks by these
+points, as long as a noticeable part of it is removed. Then a polynomial is searched
+whose value at the start is high, since this value gives the bound.
 """
 
 from __future__ import annotations
@@ -63,7 +64,7 @@ ABOVE = 1e-6
 
 @dataclass(eq=False)
 class Best:
-    """The best bound so far, of a statement's cost without its offset."""
+    """The best bound so far, of the cost of a statement without the offset."""
 
     statement: Statement
     value: float
@@ -94,7 +95,7 @@ class Best:
 
 @dataclass(eq=False)
 class Ascent:
-    """Search for better and better bounds, which starts from a tube."""
+    """Search for better and better bounds; the first set of trajectories is a tube."""
 
     statement: Statement
     tube: Tube

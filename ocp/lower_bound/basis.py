@@ -1,4 +1,4 @@
-"""Polynomials of (t, x) as products of Chebyshev polynomials on a box.
+"""Polynomials of time t and states x, as products of Chebyshev polynomials on a box.
 
 Coefficients and box are inputs of the symbolic form, so that its derivatives are formed
 once for all polynomials of a degree.

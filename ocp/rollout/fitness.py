@@ -2,7 +2,7 @@
 
 A decision vector is ca.vec of the controls (nu, N), interval after interval, followed
 by the decisions about the start: one number for each of `problem.free_starts`. For a
-single control sequence, the initial state holds these numbers.
+single control sequence, these numbers are entries of the initial state.
 """
 
 from __future__ import annotations

@@ -7,9 +7,9 @@ initial state. All functions here take these arguments, in this order:
                 decisions about the start, one for each of problem.free_starts
     x0          initial state, shape (nx,); its decided entries are ignored
     parameters  (p, w): the model's parameters (np,), and 1 / scale of each row whose
-                scale depends on the initial state; with step size control (rodas.py)
-                also the sizes of the states and of the integrated cost / unit
-                (problem.automatic in all)
+                scale depends on the initial state; with step size control (rodas.py) w
+                also has the sizes of the states and of the integrated cost / unit; the
+                length of w is problem.automatic
     signals     ca.vec of (ns, nodes): node after node, shape (ns * nodes,)
 
 If a rollout is not finite, its violation is infinity: such values stay in the sums
@@ -62,8 +62,8 @@ class Shooting(Rebuilt):
 
     Attributes:
         stated: The problem as it is stated; all functions are of its core.
-        parts: Number of parts of the first equal stiff step after a jump of the
-            controls.
+        parts: With the stiff integrator in equal steps, the number of parts into which
+            the first step after a jump of the controls is divided.
     """
 
     stated: OptimalControlProblem

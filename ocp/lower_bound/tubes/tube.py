@@ -198,7 +198,7 @@ def _scaled(directions: Array, rough: Tube) -> Array:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class _March:
-    """The common parts of all slabs of a tube."""
+    """The computation of a tube, slab after slab, with the data that slabs share."""
 
     statement: Statement
     motion: Motion

@@ -1,7 +1,7 @@
 """Queries of a tube: boxes that cover it, boxes outside, points inside.
 
 Proofs use `outside` and `starting_boxes`, which are rounded outwards. A proof tests
-every box, so `outside` is compiled: it must not take longer than the interval
+every box, so `outside` is compiled: a test must not take longer than the interval
 evaluation of the box. `inside` is for samples only, in plain floats.
 """
 
