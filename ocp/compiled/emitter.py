@@ -1,6 +1,6 @@
-"""A tape as LLVM IR: the population as vectors, the horizon as a loop.
+"""LLVM IR of a tape: the population as vectors, the horizon as a loop.
 
-A tape is the list of a function's operations. It is emitted flat or rolled. Rolled code
+A tape is the list of a function's operations. Its code is flat or rolled. Rolled code
 is one stage in a loop over the intervals of a horizon, so that neither code nor build
 time grow with the horizon. frame.py describes what a kernel reads and writes.
 

@@ -2,17 +2,19 @@
 
     starts       every instance is solved from its first start, and the answer verified
     margins      an instance whose answer breaks a limit between the checks, but would
-                 be the cheapest, is solved again with finer checks and margins; at
-                 once, since a confirmed answer is not given up for one that is not
+                 be cheaper than its confirmed answer (if it has one), is solved again
+                 with finer checks and margins. This is done at once, since an answer
+                 that is not confirmed never replaces a confirmed one, and would be lost
     neighbours   instances that failed, or for which the answer to a similar instance
-                 promises a lower cost, are solved from answers to similar instances;
-                 this is repeated while it finds better answers
-    more starts  all of this is done again from other starts, for instances that failed
-                 and for some drawn at random; more are drawn as long as the other
-                 starts find cheaper answers
+                 (a neighbour) promises a lower cost, are solved from answers to similar
+                 instances; this is repeated while it finds better answers
+    more starts  the three rounds above are done again from other starts, for instances
+                 that failed and for some drawn at random; more instances are drawn as
+                 long as the other starts find cheaper answers
 
-Neighbours carry a better optimum from instance to instance, so that it needs to be
-found once only, and the starts that find it need not be tried everywhere.
+Solves from neighbours' answers carry a better optimum from instance to instance. So the
+optimum needs to be found once only, and the starts that find it need not be tried at
+every instance.
 """
 
 from collections.abc import Iterator, Sequence

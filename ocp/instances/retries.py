@@ -5,6 +5,8 @@ divided by its range over all instances:
 
     d(i, k)^2 = sum over x0, parameters    ((a_i - a_k) / range(a))^2
               + sum over signals  mean over nodes of the same
+
+a_i is the value of a number a (an initial state, a parameter) in instance i.
 """
 
 from collections.abc import Sequence

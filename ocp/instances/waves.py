@@ -2,9 +2,10 @@
 
 The lanes solve what they can (lane_waves.py). Instances without a confirmed answer are
 then solved by an NLP solver, one by one: first from an instance's own answer that was
-not confirmed, or else from the guess; then from neighbours' answers; then from random
-controls. If the finer grid gives another value for the polished own answer, too, the
-grid is too coarse, and no start changes that.
+not confirmed, or else from the guess; then from the answers to similar instances; then
+from random controls. If the NLP solver's answer from the instance's own one, too, has
+another cost or end on the finer grid, the problem's grid is too coarse, and no start
+changes that.
 """
 
 from collections.abc import Sequence

@@ -1,9 +1,11 @@
 """Initial guess of the collocation unknowns, and their distance from the evaluator.
 
 The states at the collocation points come from the problem's integrator, started at the
-beginning of a check. They are bent so that they end at the check's given end state; if
-that is far away, they lie on a straight line. Algebraic variables come from Newton's
-method, or are its start values if it fails.
+beginning of a check. A correction that grows linearly in time is added, so that they
+end at the given state at the check's end. If the integrator misses this state by more
+than its distance from the beginning, the states lie on a straight line instead.
+Algebraic variables come from Newton's method; if the method fails, they are its start
+values.
 """
 
 import casadi as ca

@@ -1,8 +1,9 @@
 """Polish of a problem with whole-number controls: relax, round, descend, polish.
 
-    relaxed   the NLP solver on the problem without the requirement, from the starts
-    rounded   the relaxed answer by sum-up rounding, and the starts themselves, each
-              improved by single steps of the whole numbers
+    relaxed   the NLP solver, from the starts, on the problem in which the controls need
+              not be whole numbers
+    rounded   the relaxed answer by sum-up rounding, and the starts themselves; each is
+              improved by changing one whole number at a time
     held      the NLP solver on the other decisions, with the whole numbers fixed
 
 The best answer by (violation, cost) is kept. The relaxed cost is a lower bound if the

@@ -6,10 +6,10 @@ if it is better by (violation, cost) on the same evaluator. An answer is called 
 optimum only if the project's own test (optimality.py) finds it stationary, independent
 of the solver's report.
 
-A good start is feasible to 1e-3 and comes from a search or an earlier answer. From it
-IPOPT starts with a small barrier and small pushes; with its defaults it would first
-move away from the start, and might not return. If this does not converge, the defaults
-are tried once.
+A good start is feasible to 1e-3 and comes from a search or an earlier answer. From a
+good start IPOPT begins with a small barrier and small pushes away from the bounds; with
+its defaults it would first move away from the start, and might not return. If IPOPT
+does not converge from there, its defaults are tried once.
 
 Collocation (collocation.py) does not integrate the dynamics as the evaluator does. If
 the evaluator finds another cost or a broken limit, the NLP is solved again with its
@@ -17,8 +17,8 @@ equations of motion shifted to the evaluator's states (nlp_solvers.py), until NL
 evaluator agree.
 
 A search's best point need not lie in the basin of the best local optimum. The search's
-archive (`heuristics/running/archive.py`) keeps the best points that are apart in the
-box, and each of them is a guess for the NLP solver.
+archive (`heuristics/running/archive.py`) keeps the best points that are far from each
+other, and each of them is a guess for the NLP solver.
 """
 
 import math
