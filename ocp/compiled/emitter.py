@@ -341,7 +341,7 @@ def repeated_functions(stage: Tape) -> list[tuple[int, int, int]]:
 def stepped(
     frame: Frame, ticks: Ticks, read: Read, state: list[str]
 ) -> tuple[list[str], list[str]]:
-    """Emit the ticks of an interval.
+    """Emit the steps of adaptive length of an interval.
 
     Returns:
         The states at each check, check after check, and the integrals.

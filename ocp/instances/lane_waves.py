@@ -76,11 +76,12 @@ class LaneWaves:
         self._amounts, self._left = Amounts(), _TIGHTENED
 
     def __call__(self, count: int | None) -> int:
-        """Solve all instances; return the number of those that were drawn last.
+        """Solve all instances; return at how many drawn ones more starts were no use.
 
-        At these the other starts found nothing cheaper, so that they were not tried at
-        the other instances. Of the drawn instances, only those that had an answer
-        before are counted. 0: no start was left out in this way.
+        If the other starts find nothing cheaper at the instances drawn last, they are
+        not tried at the instances that were not drawn, and the number of the drawn ones
+        that had a confirmed answer before is returned. 0: no start was left out in this
+        way.
 
         Args:
             count: Number of starts of each instance; None: as in `solve_many`.
@@ -103,7 +104,7 @@ class LaneWaves:
         return 0
 
     def _from(self, starts: Sequence[LaneStart], chosen: NDArray[np.int64]) -> None:
-        """Solve some instances from starts of all, and carry on what they find."""
+        """Solve some instances from given starts, then all from neighbours' answers."""
         here = self._instances.at(chosen)
         if chosen.size < self._work.size:  # Copies of those of all would be large.
             starts = [start.at(chosen) for start in starts]
@@ -136,9 +137,10 @@ class LaneWaves:
         return [*starts, LaneStart(middle)]
 
     def _from_neighbours(self) -> None:
-        """Solve instances from answers of neighbours that promise cheaper ones.
+        """Solve instances from neighbours' answers that promise to be cheaper there.
 
-        The clearest promises are tried first, and others if some of these were kept.
+        The clearest promises are tried first, and further ones as long as these give
+        cheaper answers.
         """
         work, answers = self._work, self._answers
         every, size = np.arange(work.size), self._few
@@ -184,7 +186,7 @@ class LaneWaves:
         chosen: NDArray[np.int64],
         kind: str,
     ) -> None:
-        """Solve some instances, with margins for what would be cheaper.
+        """Solve some instances, again with margins if broken answers are cheaper.
 
         Args:
             here: The instances, with the guesses of what is decided.
@@ -208,7 +210,7 @@ class LaneWaves:
             broken = self._again(self._tight, broken)
 
     def _again(self, tight: InLanes, broken: "_Broken") -> "_Broken":
-        """Solve with margins, from their own answers, those that break a limit."""
+        """Solve instances whose answers break a limit from these, with margins."""
         start = LaneStart(broken.controls, is_near=True)
         return self._solved(
             tight, broken.instances, [start], broken.numbers, "own answer"
@@ -222,9 +224,9 @@ class LaneWaves:
         chosen: NDArray[np.int64],
         kind: str,
     ) -> "_Broken":
-        """Solve some instances; return the answers that only break a limit.
+        """Solve some instances; return answers that break a limit between the checks.
 
-        Between the checks, and that would be cheaper than what is confirmed.
+        Returned are only those that would be cheaper than the confirmed answer.
         """
         costs = self._work.outcomes.confirmed_costs[chosen]
         found = list[tuple[NDArray[np.int64], Array, Array]]()

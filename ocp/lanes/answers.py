@@ -227,7 +227,7 @@ def paths(answers: LaneAnswers, cheapest: int) -> Array:
 
 
 def unseen_share(counts: Sequence[int]) -> Unseen:
-    """Return the estimated probability that another answer is a new optimum.
+    """Return the estimated probability that a further answer is a new optimum.
 
     The estimate is n1 / n with n1 optima found once among n answers; the module's
     docstring has its confidence interval.

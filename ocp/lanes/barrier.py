@@ -104,7 +104,7 @@ class Pairs:
         return self.summed(z / self.distances(v))
 
     def slope(self, v: ca.SX, mu: ca.SX) -> ca.SX:
-        """Return the gradient of -mu sum(log(d))."""
+        """Return the gradient of the barrier -mu sum(log(d)), d the distances."""
         return self.pushed(-mu / self.distances(v))
 
     def pushed(self, z: ca.SX) -> ca.SX:
@@ -117,7 +117,7 @@ class Pairs:
         return mu / d - z - z / d * self.of_pairs(step)
 
     def logs(self, v: ca.SX) -> ca.SX:
-        """Return -sum(log(d)); not finite outside the bounds."""
+        """Return -sum(log(d)), d the distances; not finite outside the bounds."""
         total = ca.SX(0)
         for d in ca.vertsplit(self.distances(v)) if self.of else ():
             total -= ca.log(d)

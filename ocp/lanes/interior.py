@@ -283,9 +283,9 @@ class InteriorLanes:
     def _posed(self, instances: Instances) -> Posed:
         """Return what all instances share, with sizes that suit all of them.
 
-        They are those of the instance that costs most; but one that is far from the
-        others, or not finite, gives none: with the sizes of a state at 1e8, all others
-        would seem to meet their limits.
+        The sizes are those of the instance with the largest size of the cost. Instances
+        that are far from the others, or not finite, are not considered: with the sizes
+        of a state at 1e8, all other instances would seem to meet their limits.
         """
         problem = self.problem
         able = np.flatnonzero(np.isfinite(np.vstack(instances)).all(axis=0))

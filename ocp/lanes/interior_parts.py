@@ -114,21 +114,21 @@ class SteppedPlace(Place):
         return self.slopes(self.cost).T + self.stepped["Gc"]
 
     def slopes(self, rows: ca.SX) -> ca.SX:
-        """Return the Jacobian of expressions, also by way of F."""
+        """Return the Jacobian of expressions, including their dependence on F."""
         direct = ca.jacobian(rows, self.z)
         return direct + ca.jacobian(rows, self.stepped["F"]) @ self.jacobian
 
     def bend(self, one: ca.SX) -> ca.SX:
-        """Return the second derivatives of an expression, in the same way.
+        """Return the second derivatives of an expression, with its dependence on F.
 
-        Those of F are part of H.
+        The terms with second derivatives of F are left out; they are part of H.
         """
         both = ca.vertcat(self.z, self.stepped["F"])
         chain = ca.vertcat(ca.SX.eye(self.z.numel()), self.jacobian)
         return chain.T @ ca.hessian(one, both)[0] @ chain
 
     def pull(self) -> ca.Function | None:
-        """Return the costate of F; None if it is that of the state after it, lam.
+        """Return the costate of F; None if it is lam, that of the state after F.
 
         (x, u, m, lam, F, parameters, unit, shared, signals) -> shape (nx,).
         """

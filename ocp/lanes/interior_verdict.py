@@ -250,7 +250,7 @@ class _Judged:
         )
 
     def _path(self, taken: ca.SX) -> _Path:
-        """Return the next parameters, and whether the lane has arrived."""
+        """Return the next parameters, and whether the lane is at an optimum."""
         mu, rho = self._now["mu"], self._now["rho"]
         duals = self._ends.sums[SUMS.index("duals")]
         dual, primal, gap, pressure, excess = ca.vertsplit(self._ends.tops)
@@ -373,7 +373,7 @@ class _Judged:
         return {**found, "filter_next": ca.if_else(fresh, 0, moved)}
 
     def _kept(self, taken: ca.SX) -> Named:
-        """Return what the ends keep."""
+        """Return the new values of the variables at both ends."""
         ends, mu = self._ends, self._now["mu"]
         new = dict(ends.trial)
         for place in (ends.places.end, ends.places.begin):

@@ -200,7 +200,7 @@ class LaneSolver:
 def _with(
     found: LaneAnswers, lanes: NDArray[np.int64], again: LaneAnswers
 ) -> LaneAnswers:
-    """Return answers with those of some lanes replaced; all their steps count."""
+    """Return answers with those of some lanes replaced, and their iterations added."""
     both = {one.name: np.array(getattr(found, one.name)) for one in fields(LaneAnswers)}
     for name, values in both.items():
         values[..., lanes] = getattr(again, name)

@@ -57,7 +57,7 @@ def is_divisible(problem: OptimalControlProblem) -> bool:
     """Return whether a core's steps can be intervals of their own, in lanes.
 
     Costs must be integrals, since sums have a term for each interval; and controls must
-    be bounded, since those without an effect are led to their middle by bounds only.
+    be bounded, since only bounds lead controls without an effect to their middle.
     """
     model = problem.model
     return (

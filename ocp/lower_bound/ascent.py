@@ -151,7 +151,7 @@ class Ascent:
                 return
 
     def _kept(self, aim: Aim) -> Cuts | None:
-        """Return the cuts of earlier searches that are still in the set."""
+        """Return the points of earlier linear programs that are still in the set."""
         cuts = self._cuts.get(aim)
         if cuts is None:
             return None
@@ -239,7 +239,7 @@ class Ascent:
                 return
 
     def _needed(self, go: Step | None) -> Callable[[Array], Array]:
-        """Return the cost of reaching a point from which on the point is cut off.
+        """Return the function `needed` of a search that prunes; see `Search`.
 
         Args:
             go: Step that bounds the cost from the point on; None if there is none.

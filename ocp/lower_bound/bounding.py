@@ -193,7 +193,7 @@ def _bounded(
     rng: np.random.Generator,
     tell: Callable[[], None],
 ) -> LowerBound:
-    """Return the best bound that can be proven until a reading of the clock of work."""
+    """Return the best bound that can be proven until `now()` reaches a value."""
     best = _trivial(statement, None)
     try:
         tube = tube_of(statement)

@@ -195,8 +195,8 @@ def _of_kink(box: tuple[float, float], about: tuple[Array, Array]) -> _Line:
     """Return the line below min over u in box of b u: low b or high b.
 
     The minimum is concave, with a kink at b = 0. Over a range of b that holds the kink,
-    the chord through its ends is below it; its pull is what halving b would gain, for
-    each unit of b.
+    the chord through its ends is below it. `pull` is by how much the bound would rise
+    if the range of b were halved, per unit of b.
 
     Args:
         box: Lower and upper bound of the control.

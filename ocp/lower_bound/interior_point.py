@@ -139,7 +139,7 @@ class _Newton:
         return np.asarray(self._sizes * inner)
 
     def step(self, wanted: Array) -> tuple[Array, Array, Array]:
-        """Return the steps of w, s and z for a change of z s, shape (N,)."""
+        """Return steps of w, s = A w + b and the duals z for a change of z s, (N,)."""
         pushed = (wanted - self._z * self._short) / self._s
         right = self._dual + self._A.T @ pushed
         dw = self._solved(right)

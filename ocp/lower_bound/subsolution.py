@@ -145,14 +145,14 @@ class Search:
         return np.asarray(self._weights @ self._aims / self._weights.sum())
 
     def _weigh(self, w: Array) -> None:
-        """Reduce the weight of points that are cut off already."""
+        """Reduce the weight in the objective of points that are excluded already."""
         if self.aim != "start":
             value = self._aims @ w
             wanted = np.where(value > self._enough, LITTLE, 1.0)
             self._weights = (self._weights + wanted) / 2
 
     def _share(self, w: Array, loss: float) -> float:
-        """Return the fraction of the points that a step cuts off."""
+        """Return the fraction of the points that a step excludes."""
         return float((self._aims @ w - loss > self._enough).mean())
 
     @property
@@ -237,7 +237,7 @@ class Search:
                 return
 
     def _failing(self, w: Array) -> _Failing:
-        """Return samples at which a polynomial fails most."""
+        """Return samples at which a polynomial violates the inequality most."""
         points = self.region.sampled(self.rng, SAMPLES)
         h, u = self._h(w, points)
         near = self._descended(w, points[:, np.argsort(h)[: WORST // 2]])
@@ -289,8 +289,8 @@ class Search:
         """Prove both inequalities of a polynomial.
 
         Returns:
-            The step, if both proofs ended; points and ends at which it fails; whether
-            there are no such points.
+            The step, if both proofs ended; points and ends at which the polynomial
+            violates the inequalities; whether there are no such points.
         """
         polynomial = self.forms.basis.polynomial(self.box, w)
         parameters = packed(polynomial)
@@ -357,7 +357,7 @@ class Search:
         )
 
     def _soon(self) -> float:
-        """Return the reading at which a proof must end, to leave work for others."""
+        """Return the value of `now()` at which a proof ends, to leave work for others."""
         at = now()
         return at + max(1.0, PROOF_TIME * (self.until - at))
 
@@ -406,7 +406,7 @@ class _Rows:
         self.add(cuts.points, cuts.ends)
 
     def add(self, points: Array, ends: Array) -> None:
-        """Add cuts, except at points at which the problem is not finite."""
+        """Add rows for points and ends, except where the problem is not finite."""
         search = self._search
         basis, box, stage = search.forms.basis, search.box, search.setting.stage
         n = search.setting.statement.n

@@ -138,7 +138,7 @@ class Inner:
 
         Args:
             shooting: The problem's functions.
-            begin: State, controls, parameters and signals at its start.
+            begin: State, controls, parameters and signals at the interval's start.
             unknown: Inner unknowns, not scaled; empty in multiple shooting.
         """
         state, self._u, self._p, s = begin

@@ -124,7 +124,7 @@ class InnerGuess:
         return np.asarray(nodes[:, columns])
 
     def _led(self, states: Array, begin: Array, end: Array, *, bends: bool) -> Array:
-        """Return states at the points of a check, bent to lead to its end.
+        """Return states at the points of a check, corrected to reach a given end.
 
         Args:
             states: States from the integrator, shape (points, nx, N).

@@ -150,7 +150,7 @@ class IntegerPolisher:
         return replace(best, evaluations=evaluations)
 
     def _stepped(self, found: Polished, known: Known) -> tuple[Array | None, int]:
-        """Return the controls after a descent by single steps, if any, and effort."""
+        """Descend by single steps; return controls, if they change, and evaluations."""
         fitness, x0 = self._fitness, found.x0
         objective = fitness.objective(x0, known)
         controls, value, moved = found.controls, (found.cost, found.violation), False

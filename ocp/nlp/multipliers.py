@@ -71,7 +71,7 @@ class Multipliers:
     decided: Mapping[str, float]
 
     def __repr__(self) -> str:
-        """Return each constraint with the worth of its limit, in a few lines."""
+        """Return each constraint with the sums of its multipliers, in a few lines."""
         lines = [
             f"Multipliers of {self.costates.shape[1]} intervals; the first costate: "
             f"{_numbers(self.costates[:, 0])}"

@@ -570,7 +570,7 @@ class Polisher(Called):
     ) -> tuple[Array | None, tuple[float, float]]:
         """Return an answer's states between intervals, and its value by intervals.
 
-        None and its value by the roll-out, unless no roll-out can confirm it.
+        If a roll-out can confirm the answer: None, and its value by the roll-out.
         """
         shooting, sizes = self._fitness.shooting, answer.sizes.states
         if shooting.problem.model.jumps:
@@ -583,7 +583,7 @@ class Polisher(Called):
         return ends, (cost, violation)
 
     def _judged(self, answer: "_Answer") -> PolishStatus:
-        """Return the status of an answer; of others than IPOPT, from its point."""
+        """Return the status of an answer; from its point if the solver is not IPOPT."""
         if self._options.plugin == "ipopt":
             return IPOPT_STATUS.get(
                 str(answer.stats["return_status"]), PolishStatus.NUMERICAL_FAILURE
@@ -804,9 +804,9 @@ def _agree(
 ) -> bool:
     """Return whether two (cost, violation) are feasible and of the same cost.
 
-    Costs of nothing, beside the natural size of the cost, are the same. With step size
-    control, costs count as equal if they differ by less than the tolerance can resolve,
-    since an NLP takes fixed steps.
+    Costs that are negligible compared with the natural size of the cost count as equal.
+    With step size control, costs count as equal if they differ by less than the
+    tolerance can resolve, since an NLP takes fixed steps.
     """
     feasible, same = max(one[1], other[1]) <= problem.tolerance, SAME_COST
     if problem.is_adaptive:

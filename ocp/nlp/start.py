@@ -267,7 +267,7 @@ class Carried:
 
 
 def _edges(at: Sequence[float], intervals: int) -> Array:
-    """Return the edges of the cells around places within intervals, in intervals."""
+    """Return the edges of time cells around places in each interval, in intervals."""
     within = np.append(0.0, (np.array(at[1:]) + np.array(at[:-1])) / 2)
     return np.append((np.arange(intervals)[:, None] + within).ravel(), intervals)
 

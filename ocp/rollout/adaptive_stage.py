@@ -60,7 +60,7 @@ def adaptive_stage(
 
     Args:
         problem: The problem.
-        tick: The tick, as `tick_of` returns it.
+        tick: The trial step, as `tick_of` returns it.
         close: Function (x, u, p, S, states at the checks, integrals) -> the outputs of
             the stage.
     """

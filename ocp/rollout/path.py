@@ -343,7 +343,7 @@ class Tracer:
         known: tuple[Array, Array, Array],
         p: Array,
     ) -> Array:
-        """Return the cost of broken soft constraints, twice.
+        """Return the cost of broken soft constraints, and its absolute value.
 
         Args:
             soft: The soft constraints.

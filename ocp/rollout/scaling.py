@@ -456,9 +456,10 @@ class Sizing:
     ) -> Array:
         """Return sizes of states, with negligible ones set to 0.
 
-        A way of 1e-300 counts as zero, and so does one that is far less than what the
-        way of a state needs that it alone drives: a body that turns round has another
-        speed in between than the small one with which it begins.
+        A way of 1e-300 counts as zero. If state j alone drives state i, the way of j
+        also counts as zero if it is far less than the value of j that moves i by its
+        size: the speed of a body that turns round is larger in between than the small
+        one with which it begins.
         """
         states, controls = self._filled(at, direct, known, guess)
         reach = self._reached(at, states, controls, guess)
@@ -483,7 +484,7 @@ class Sizing:
         return T / np.fmax(1.0, T * at.slopes[every, every])
 
     def _needed(self, at: "_Points", sizes: Array) -> Array:
-        """Return sizes of states and controls, one step back from known rates."""
+        """Return sizes of states and controls, new ones as known rates imply them."""
         needed = self._by_rate(at, sizes[: len(at.x0)])
         least = needed.min(axis=0, initial=np.inf)
         return np.where((sizes > 0) | ~np.isfinite(least), sizes, least)
@@ -680,7 +681,7 @@ def _target_function(problem: OptimalControlProblem) -> ca.Function:
 def _ways_function(
     problem: OptimalControlProblem, chosen: NDArray[np.intp]
 ) -> ca.Function:
-    """Return (x, u, p, s first, s last) -> ways to the least of quadratic costs.
+    """Return (x, u, p, s first, s last) -> ways to where quadratic costs are least.
 
     Shape (nx, costs), 0 where a cost is not quadratic in that state, all others being
     constant. A row that is limited at the end counts as a cost.

@@ -215,13 +215,13 @@ def _repeated(cells: Cells, count: int) -> Cells:
 
 
 def _bounds(motion: Motion, cells: Cells, boxes: list[Array], half: Array) -> Array:
-    """Return the better one of both bounds for each box.
+    """Return the better of the two bounds of d'f (see above) for each box.
 
     Args:
         motion: The right-hand side f.
         cells: A cell for each box.
         boxes: Lower corners, upper corners and middles, each (1 + n + m, boxes).
-        half: Half of the cells in z, before they were repeated.
+        half: Half widths of the cells in z, before the cells were repeated.
     """
     low, high, middle = boxes
     number = low.shape[1]

@@ -207,7 +207,7 @@ class _March:
     most_excess: float
 
     def rates(self, times: tuple[float, float], start: Array, stop: Array) -> Array:
-        """Return r of a slab whose levels go from start to stop."""
+        """Return the bounds of all r_k in a slab whose levels go from start to stop."""
         return rates_at_faces(
             self.motion,
             self.template,

@@ -89,7 +89,7 @@ def mark_outside(
 
     Args:
         times: Times of the tube, shape (M + 1,).
-        levels: Its levels, shape (M + 1, K).
+        levels: Levels of the faces at these times, shape (M + 1, K).
         directions: Directions, shape (K, n).
         boxes: Lower and upper corners, shape (2, 1 + n, m).
         marks: Filled with the answers, shape (m,).
