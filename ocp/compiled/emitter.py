@@ -36,7 +36,7 @@ class Ticks:
             the states and the integrals.
         checks: Number of checks in an interval.
         first: Step size h at the beginning of an interval.
-        most: Largest number of ticks between two checks.
+        most: Largest number of trial steps between two checks.
     """
 
     tick: Tape
@@ -365,7 +365,7 @@ def stepped(
 def _until_all_are_done(
     ir: VectorIR, ticks: Ticks, read: Read, z: list[str], check: int
 ) -> list[str]:
-    """Emit the loop over the ticks to the end of one check; return z after it."""
+    """Emit the loop over trial steps to the end of one check; return z after it."""
     # u, p and s do not change between ticks: they are read before the loop.
     tape, known = ticks.tick, {}
     # s has the signals at both ends of a check.

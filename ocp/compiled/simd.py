@@ -446,7 +446,7 @@ class Ticking:
         tick: (z, u, p, s) -> z after one trial step.
         checks: Number of checks in an interval.
         first: Step size h at the beginning of an interval.
-        most: Largest number of ticks between two checks.
+        most: Largest number of trial steps between two checks.
     """
 
     tick: ca.Function

@@ -40,9 +40,9 @@ from swarmstart.ocp.statement.guesses import cold_controls
 _STARTS = 4
 """Largest number of starts of an instance, if no number is given."""
 _PART, _FEWEST, _MOST = 4, 64, 300
-"""The instances that other starts, or neighbours' answers, are tried at first: one in
-so many, at least and at most so many. If 300 show nothing, a cheaper answer is at less
-than 1 % of all, at 95 %."""
+"""Other starts and neighbours' answers are first tried at one in _PART instances, but
+at least at _FEWEST and at most at _MOST. If they are cheaper at none of 300 instances,
+they are so at less than 1 % of all, with 95 % confidence."""
 _ROUNDS = 100
 """Largest number of times that instances are tried from neighbours' answers. An optimum
 gets one or two neighbours further each time, and few instances are tried after the
@@ -52,8 +52,8 @@ _AROUND = 8
 _MARGINS = 2
 """Largest number of times in a wave that limits get finer checks and margins."""
 _TIGHTENED = 6
-"""The same in all waves: the lanes are compiled each time, and what cannot be kept
-would come back in every wave."""
+"""The same in all waves: the lanes are compiled each time, and a limit that cannot be
+kept would be broken in every wave."""
 
 
 class LaneWaves:

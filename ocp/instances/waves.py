@@ -24,7 +24,7 @@ from swarmstart.ocp.rollout.status import SolutionStatus
 
 _ROUNDS = 3
 """Largest number of times that the NLP solver tries instances from neighbours' answers;
-from the second one on those count that an earlier one has found."""
+answers found in one time serve as neighbours' answers in the next."""
 
 
 class Ended(NamedTuple):

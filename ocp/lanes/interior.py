@@ -63,9 +63,9 @@ FIRST_MU, FIRST_RHO = 1e-2, 1.0
 size 1 at the start. A large mu leads away from the start, to an optimum that may be a
 worse one."""
 LEAST_UNIT, SAYING = 1e-8, 1e-6
-"""Least unit of the cost, and least size of a start's cost that says something, both
-relative to its natural size. Where limits must be met first, the start's cost says less
-of that of the optimum: the unit is at least `LIMITED`."""
+"""Least unit of the cost, and least cost of a start that may be the unit, both relative
+to the natural size of the cost. If a problem has limits, the cost of a start says less
+about the cost of the optimum, so the unit is at least `LIMITED`."""
 LIMITED = 1e-2
 _CACHE = 1 << 20
 """Size of the memory of the lanes that are solved side by side [bytes], about that of a
@@ -76,21 +76,22 @@ _CHUNK = 1 << 26
 _EXAMINED = 16
 """Largest number of instances that are asked for their sizes."""
 _FAR = 1e3
-"""Ratio of a size to that of most instances from which its instance gives no sizes."""
+"""Ratio of a size to the median of all instances above which its instance is not the
+one whose sizes are taken."""
 _WIDEST = 700.0
 """Largest logarithm of a size; that of an infinite one would not be finite."""
 _SWEPT = 8
 """Least ratio of instructions, those of a sweep over an interval by those of the
-interval (16 to 80 were seen). Sweeps that must be too long are so refused without
-counting, which would take seconds."""
+interval (16 to 80 were seen). So sweeps that must be too long are refused without
+counting their instructions, which would take seconds."""
 _TURNS = 64
 """Number of turns between two checks for Ctrl-C."""
 BLANK = {
     "tries": 1.0, "paid": np.inf, "worst": np.inf, "filter_theta": 1e300,
     "filter_phi": 1e300, "theta_most": 1e300,
 }  # fmt: skip
-"""First value of the numbers of a lane that do not begin at 0. Its first trial has the
-length 0."""
+"""First value of the numbers of a lane that do not begin at 0. The first trial of a
+lane has the length 0."""
 _KEPT = "u", "y", "x", "end", "paid", "worst", "iterations", "met", "force_start"
 
 

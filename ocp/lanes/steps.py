@@ -34,10 +34,10 @@ from swarmstart.ocp.statement.rewrites.changed import (
 
 _SWEPT = 12
 """Least ratio of instructions, those of a sweep over a step by those of the step (14 to
-174 were seen). What must be too long is so refused before it is built."""
+174 were seen). So a sweep that must be too long is refused before it is built."""
 _MOST_STATES = 24
-"""Largest number of states and of what is held; a sweep of 32 has 71,000 instructions,
-whatever the model."""
+"""Largest number of states and held controls together; a sweep with 32 of them has
+71,000 instructions, whatever the model."""
 
 
 def are_short(shooting: Shooting, longest: int) -> bool:

@@ -13,7 +13,7 @@ from swarmstart.arrays import Array
 from swarmstart.machine_code import Count, call_code, free_kernel, kernel
 
 _MOST = 0.75
-"""Fraction of the lanes that must wait for a sweep before it is done."""
+"""Fraction of the lanes that must wait for a sweep before the sweep is done."""
 _SWEEP, _TRIAL = 5, 3
 """Number of kernels of a sweep, and of a trial before `keep`."""
 

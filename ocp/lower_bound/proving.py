@@ -21,7 +21,7 @@ from swarmstart.ocp.lower_bound.hamiltonian import Bounds
 Mask = NDArray[np.bool_]
 CHUNK = 8192  # Boxes evaluated at a time.
 BEYOND = 1.05
-"""Factor by which the slack is set above that of a point that was met."""
+"""Factor by which the slack is set above what the lowest point found needs."""
 FEW = 40_000
 """Number of boxes still searched for points when the bound is useless already."""
 

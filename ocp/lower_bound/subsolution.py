@@ -44,7 +44,7 @@ WORST = 400
 RADII = (0.05, 0.015, 0.005, 0.0015)
 TRIES = 6
 LITTLE = 0.05
-"""Weight of a point that a pruning cuts off already."""
+"""Weight of a point that a pruning excludes already."""
 MOST_BOXES = 3_000_000
 MOST_END_BOXES = 100_000
 PROOF_TIME = 0.2
@@ -357,7 +357,7 @@ class Search:
         )
 
     def _soon(self) -> float:
-        """Return the value of `now()` at which a proof ends, to leave work for others."""
+        """Return the value of `now()` at which a proof ends, to leave work for more."""
         at = now()
         return at + max(1.0, PROOF_TIME * (self.until - at))
 

@@ -52,7 +52,7 @@ STATIONARY_WITHIN = 1e-5
 _FLAT = 1e-7
 """Curvature whose sign is uncertain, relative to the Hessian's largest entry."""
 _ACTIVE = 1e-5
-"""Distance from a limit, in the NLP's numbers, at which a lane's answer is at it."""
+"""Distance from a limit, in the NLP's numbers, up to which an answer is at it."""
 _RELEASES = 10
 """Number of times that limits whose multipliers have the wrong sign are let go."""
 _DEPENDENT = 1e-11

@@ -89,9 +89,9 @@ GOOD_START = 1e-3
 _STEPS_OF_ERROR = 10
 """Number of allowed step errors by which costs may differ."""
 _NO_COST = 1e-9
-"""Difference of costs, relative to the cost's size, below what a solver resolves."""
+"""Difference of costs, relative to the cost's size, that no solver resolves."""
 _WILD = 1e4
-"""Way of a state in a roll-out, relative to its size, that is no start for an NLP."""
+"""Way of a state, relative to its size, above which a roll-out is no NLP's start."""
 _REMEMBERED = 15
 """Number of polishes in a closed loop whose iterations are remembered."""
 _ITERATIONS, _FACTORS = 20, 4000

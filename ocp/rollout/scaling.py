@@ -56,14 +56,16 @@ _PARTS = (0.618, -0.382)
 _NEGLIGIBLE = 1e-6
 """Relative size below which a way or a guess is negligible."""
 _NEEDED = 0.05
-"""Part of what a state driven by it alone needs, below which a way is negligible."""
+"""If a state alone drives another one: fraction of the value that moves the other one
+by its size, below which a way of the state is negligible."""
 _ABSURD, _SOON, _TURNS = 1e3, 3, 200
-"""Ratio from which a way by sizes of rates may be absurd beside that of its first
-orders, and is beside the linear motion with its signs; and steps of that motion."""
+"""If the way of the linear motion with absolute derivatives is more than _ABSURD times
+that of its first _SOON orders, the motion is followed with signs, too, in _TURNS steps;
+the way with signs is taken if it is shorter by the factor _ABSURD."""
 _LIMIT_SHARE = 1e-3
 """Smallest scale of a nonzero limit, relative to the size of its expression."""
 _NEAR_SHARE = 0.01
-"""Least way to a limit that is its row's size, relative to the row's range."""
+"""Least limit that is the size of its row, relative to the row's range."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

@@ -48,7 +48,8 @@ from swarmstart.ocp.system.model import jump_of, rate_of
 _UNROLLED = 20_000
 """Largest number of operations for which a trajectory is one function without calls."""
 _MOST_WRITTEN_OUT = 200_000
-"""The same for a roll-out: with 400,000 it takes 7 s to look for common parts."""
+"""The same for a roll-out: with 400,000 it takes 7 s to look for common
+subexpressions."""
 Symbolic = TypeVar("Symbolic", ca.SX, ca.MX)
 Values = TypeVar("Values", ca.SX, Array)
 ARGUMENTS = ("decisions", "x0", "parameters", "signals")
@@ -437,7 +438,7 @@ def _closing(shooting: Shooting) -> ca.Function:
 
 
 Steps = Callable[[int, ca.SX, ca.SX, ca.SX, tuple[ca.SX, ca.SX]], tuple[ca.SX, ca.SX]]
-"""(check, x, u, p, signals at its ends) -> (x after it, integrals over it)."""
+"""(check, x, u, p, signals at both ends of the check) -> (x after it, integrals)."""
 
 
 def _closed(shooting: Shooting, steps: Steps, more: list[ca.SX]) -> ca.Function:

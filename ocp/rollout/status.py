@@ -39,7 +39,7 @@ from swarmstart.ocp.rollout.shooting import Shooting
 from swarmstart.ocp.statement.problem import OptimalControlProblem
 
 _MANY = 1000
-"""Number of substeps above which they are no alternative."""
+"""Number of substeps above which more substeps are not advised."""
 _OFTEN = 0.25
 """Share of points with a mode that is too fast from which it counts as the cause."""
 _MUCH = np.log(1e6)

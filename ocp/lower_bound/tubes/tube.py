@@ -63,7 +63,7 @@ _BEYOND = 0.1
 """Fraction by which a raise is enlarged, so that the next round fits."""
 _HALVINGS = 8
 _MOST_EXCESS = 0.02
-"""Relative excess of a slab's width at which it is halved."""
+"""Relative excess of the polytope's width above which a slab is halved."""
 _MOST_SLABS = 20
 """Largest number of slabs, in multiples of the requested number."""
 
