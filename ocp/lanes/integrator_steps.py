@@ -5,10 +5,11 @@ costs l(y, u). Derivatives by (y, u) are carried from the last step to the first
 With S = d(f, u)/d(y, u) and h = l + p'f, their values after a step (left) give those
 before it (right):
 
-    p    costate                                            dh/dy
-    g    gradient of the costs of all later steps           dl/d(y, u) + S'g
-    W    Jacobian of F                                      W S
-    V    second derivatives of later costs + costate' F     d2h/d(y, u)2 + S'V S
+    p    costate                                          dh/dy
+    g    gradient of the costs of all later steps         dl/d(y, u) + S'g
+    W    Jacobian of F                                    W S
+    V    second derivatives of these costs + p'F, with    d2h/d(y, u)2 + S'V S
+         p the costate after the last step
 
 S has many zeros, which are left out.
 """

@@ -2,7 +2,7 @@
 
 For each of some rising degrees, polynomials first show that no trajectory through some
 points of the set costs less than an answer that is known; the set shrinks by these
-points, as long as a noticeable part of it is removed. Then a polynomial is searched
+points, as long as a noticeable part of it is removed. Then a polynomial is computed
 whose value at the start is high, since this value gives the bound.
 """
 

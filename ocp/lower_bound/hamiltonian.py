@@ -3,8 +3,8 @@
 V(t, x) is the polynomial of the step (`stated/answer.py`), f(t, x, u) the right-hand
 side and L(t, x, u) the stage cost; t, x and u are time, states and controls. h is
 bounded from below over boxes by interval arithmetic. Let f be affine in u, and L
-separable and quadratic: f = f0 + sum B_k u_k, L = L0 + sum (c_k u_k + q_k u_k^2). Then
-the least h over all u is
+separable and quadratic: f = f0 + sum B_k u_k, L = L0 + sum (c_k u_k + q_k u_k^2), with
+f0, B_k and L0 functions of (t, x). Then the least h over all u is
 
     h = a + sum over k of p_k(b_k),    a = V_t + L0 + V_x f0,    b_k = V_x B_k + c_k,
     p_k(b) = min over u in [low, high] of b u + q_k u^2

@@ -4,10 +4,10 @@
 
 w are the unknowns. Mehrotra's predictor and corrector work on the normal equations,
 which have as many unknowns: an iteration costs one product A'DA with a diagonal matrix
-D. The method ends near the centre of the optimal
-set, not at a vertex, so that the polynomial changes little from one round
-(subsolution.py) to the next. Measured on the programs of this package (10,000 rows, 84
-unknowns) it takes a fifth of the time of HiGHS.
+D. The method ends near the centre of the optimal set, not at a vertex, so that the
+polynomial changes little from one round (subsolution.py) to the next. Measured on the
+programs of this package (10,000 rows, 84 unknowns) it takes a fifth of the time of
+HiGHS.
 
 Source: Mehrotra (1992), On the implementation of a primal-dual interior point method.
 """

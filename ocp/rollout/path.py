@@ -3,12 +3,11 @@
 A problem's constraints are required at its nodes only; the path is the actual motion of
 the model. It is integrated by the classical Runge-Kutta method (by RODAS4 if the
 problem's integrator is "stiff") with ten steps for each step of the problem. The
-lengths of these fine steps differ: equal fine steps would miss a ripple or a pulse
-whose period divides the problem's steps, as the problem's steps do. All constraints are
+lengths of these fine steps differ: equal fine steps may miss a ripple or a pulse whose
+period divides the problem's steps, as the problem's steps do. All constraints are
 evaluated at the start of each fine step, with the control of that step, and at the end
-of every interval. If
-the problem uses step size control, the steps between these points have their own
-lengths, at a tolerance ten times smaller.
+of every interval. If the problem uses step size control, the steps between these points
+have their own lengths, at a tolerance ten times smaller.
 """
 
 from dataclasses import dataclass

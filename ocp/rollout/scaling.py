@@ -56,12 +56,12 @@ _PARTS = (0.618, -0.382)
 _NEGLIGIBLE = 1e-6
 """Relative size below which a way or a guess is negligible."""
 _NEEDED = 0.05
-"""If a state alone drives another one: fraction of the value that moves the other one
-by its size, below which a way of the state is negligible."""
+"""Least way that is not negligible of a state that alone drives another one, relative
+to the value that moves the other one by its size."""
 _ABSURD, _SOON, _TURNS = 1e3, 3, 200
-"""If the way of the linear motion with absolute derivatives is more than _ABSURD times
-that of its first _SOON orders, the motion is followed with signs, too, in _TURNS steps;
-the way with signs is taken if it is shorter by the factor _ABSURD."""
+"""Ratio of the way of the linear motion with absolute derivatives to that of its first
+_SOON orders, above which the motion is also followed with signs, in _TURNS steps. The
+way with signs is taken if it is shorter by the same ratio."""
 _LIMIT_SHARE = 1e-3
 """Smallest scale of a nonzero limit, relative to the size of its expression."""
 _NEAR_SHARE = 0.01

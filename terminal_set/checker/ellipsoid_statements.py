@@ -8,8 +8,8 @@ by which V must decrease.
   matrices         P is symmetric and positive definite, Q_m semidefinite
   bounds           on e'Pe <= alpha the largest |K_i e| is sqrt(alpha K_i P^-1 K_i'),
                    the largest |e_j| is sqrt(alpha (P^-1)_jj). Between samples V grows
-                   at most by the factor growth, so |e_j| at most by sqrt(growth) + b;
-                   a held input does not change
+                   at most by the factor growth, so |e_j| at most by sqrt(growth) + b
+                   (b: see below); a held input does not change
   continuous       c(e) = 2 e'P R(e) + e'Q_m e + 2 a V(e)
   held             c(e) = V(R(e)) - V(e) + e'Q_m e + (2 b + b^2) V(e)
   between samples  c(e) = V(R_t(e)) - growth V(e), for every t in [0, dt]

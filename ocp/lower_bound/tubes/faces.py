@@ -61,8 +61,8 @@ class DualVertices:
     Attributes:
         rows: Rows of D that the entries belong to, shape (n, number).
         weights: The entries, shape (n, number).
-        residual: Bound of |q - D'y|_1 and of the rounding of y's (s: the levels),
-            relative to the largest of |x_i| and |s_k|, shape (number,).
+        residual: Bound of |q - D'y|_1 and of the rounding of y's, relative to the
+            largest of |x_i| and |s_k| (the levels), shape (number,).
         starts: Index of the first vertex of each direction q, shape (directions,).
     """
 
