@@ -65,9 +65,15 @@ interval ([The share of optima not seen](unseen_share.md)). "Two threads" is the
 of two threads relative to one, by the clock, with the same answers; it is lower if all
 lanes together take few milliseconds.
 
-Made on another machine, `ratio` may differ by 80 %. Other columns may differ by the
-larger of two numbers: `feasible` by 0 % or 0.05, `best cost` by 0.01 % or 0, `best` by
-0 % or 0.1 and `optima` by 20 % or 2.
+Made on another machine, `ratio` may differ by 80 %. Other columns may differ by a
+percentage of the value or by a fixed amount, whichever is larger: `feasible` by 0 % or
+0.05, `best cost` by 0.01 % or 0, `best` by 0 % or 0.1 and `optima` by 20 % or 2.
+
+In the rows without lanes, "its steps are too long" means that the machine code of a
+solver's sweep over an interval would have more instructions than are compiled. A sweep
+has at least 8 times as many instructions as the functions of an interval, so these are
+counted first. If they have more than an eighth of the limit, the problem is refused
+before the sweep is derived, and the row states this smaller limit.
 
 """
 

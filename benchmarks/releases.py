@@ -34,10 +34,11 @@ code. Compared is CPU time, with the machine code of both versions on disk: a pl
 without a search is built, and makes a plan without a guess, a plan from that plan, and
 a step of `RecedingHorizon`. The first plan starts IPOPT from zero controls, in the new
 version also from the middle of the bounds if that is not zero. "Call" is the second
-`solve` with a seed. In the new version the build makes code that the first plan made in
-the earlier one, so the two are also counted together. The two versions run in pairs;
-each number is the median ratio of the new to the earlier time over some pairs, in
-brackets the upper quartile.
+of two equal calls of `solve` (same problem, same seed) in one process; the first is not
+timed. In the new version the build prepares machine code that the first plan prepared
+in the earlier version, so the two are also counted together. The two versions run in
+pairs; each number is the median ratio of the new to the earlier time over some pairs,
+in brackets the upper quartile.
 
 """
 PROGRAM = """

@@ -114,10 +114,10 @@ class SelectedPlant(Called):
 
     @checked(refused, x=reals(axes=1))
     def start_at(self, x: ArrayLike) -> Array:
-        """Begin a run, and return the chosen states at which it begins, shape (nx,).
+        """Begin a run, and return the start values of the selected states, shape (nx,).
 
         Args:
-            x: Chosen states, shape (nx,).
+            x: Values of the selected states, shape (nx,).
 
         Raises:
             SimulatorError: As the simulator raises it.

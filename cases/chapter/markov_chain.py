@@ -251,7 +251,10 @@ def miss_probabilities(chain: MarkovChain, generations: int) -> Array:
 
 
 def miss_bounds(grid: GridDE, generations: int) -> Array:
-    """Bound the probabilities of `miss_probabilities`: (1 - eps/m)^(NP t).
+    """Bound the probability that no optimum is found within t generations.
+
+    The bound is (1 - eps/m)^(NP t), with m grid points, NP individuals, and the
+    probability eps that a trial is replaced by a uniform grid point.
 
     Args:
         grid: Settings of DE and the grid.

@@ -86,8 +86,9 @@ class CExport:
 
 
 class CompiledController:
-    """A controller that calls the compiled C file; its memory is the C file's own.
+    """A controller that calls the compiled C file.
 
+    What it remembers between steps is in a buffer of its own, which the C code fills.
     `decide` begins anew if there is no previous decision, and uses the parameters and
     signals of the export.
 

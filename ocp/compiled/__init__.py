@@ -1,1 +1,1 @@
-"""An SX casadi.Function -> an evaluator of whole populations."""
+"""Evaluators of whole populations, made from an SX casadi.Function."""

@@ -1,6 +1,6 @@
-"""A tape as LLVM IR: the population as vectors, the horizon as a loop.
+"""LLVM IR of a tape: the population as vectors, the horizon as a loop.
 
-A tape is the list of a function's operations. It is emitted flat or rolled. Rolled code
+A tape is the list of a function's operations. Its code is flat or rolled. Rolled code
 is one stage in a loop over the intervals of a horizon, so that neither code nor build
 time grow with the horizon. frame.py describes what a kernel reads and writes.
 
@@ -12,8 +12,8 @@ only if they have one sign, so that nothing cancels, and if nothing else uses th
 partial sum.
 
 Steps of adaptive length are a loop of their own, until all individuals are done. Each
-turn of the loop is a tick, which ocp/integration/rodas.py defines; a tick changes
-nothing for an individual that is done.
+turn of the loop is a tick, in which every individual tries one step
+(integration/rodas.py); a tick changes nothing for an individual that is done.
 """
 
 import math
@@ -31,11 +31,12 @@ class Ticks:
     """Steps of adaptive length between checks; a tick tries one (integration/rodas.py).
 
     Attributes:
-        tick: Function (z, u, p, s) -> z after one tick, s flat over both ends of a
-            check; z is (y, |y| so far, left, h), y the states and the integrals.
+        tick: Function (z, u, p, s) -> z after one trial step, s flat over both ends of
+            a check; z is (y, largest |y| so far, part of the time left, step size h), y
+            the states and the integrals.
         checks: Number of checks in an interval.
         first: Step size h at the beginning of an interval.
-        most: Largest number of ticks between two checks.
+        most: Largest number of trial steps between two checks.
     """
 
     tick: Tape
@@ -50,8 +51,9 @@ class Roll:
 
     Attributes:
         stage: Function (x, u, p, s) -> (x after, cost, violation), s flat over the
-            nodes of one interval. With ticks it has two more arguments: the states that
-            the ticks reach at each check, and the integrals.
+            nodes of one interval. With steps of adaptive length it has two more
+            arguments: the states that these steps reach at each check, and the
+            integrals.
         end: (x, p, s) -> (cost, violation), s at the last node.
         intervals: Number of intervals N.
         signals_per_interval: Offset to the signals of the next interval, ns * checks.
@@ -339,7 +341,7 @@ def repeated_functions(stage: Tape) -> list[tuple[int, int, int]]:
 def stepped(
     frame: Frame, ticks: Ticks, read: Read, state: list[str]
 ) -> tuple[list[str], list[str]]:
-    """Emit the ticks of an interval.
+    """Emit the steps of adaptive length of an interval.
 
     Returns:
         The states at each check, check after check, and the integrals.
@@ -363,7 +365,7 @@ def stepped(
 def _until_all_are_done(
     ir: VectorIR, ticks: Ticks, read: Read, z: list[str], check: int
 ) -> list[str]:
-    """Emit the loop over the ticks to the end of one check; return z after it."""
+    """Emit the loop over trial steps to the end of one check; return z after it."""
     # u, p and s do not change between ticks: they are read before the loop.
     tape, known = ticks.tick, {}
     # s has the signals at both ends of a check.

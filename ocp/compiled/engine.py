@@ -1,4 +1,4 @@
-"""LLVM IR -> machine code in this process."""
+"""Machine code in this process, made from LLVM IR."""
 
 import ctypes
 import ctypes.util

@@ -6,14 +6,14 @@
 `part` evaluates the individuals from `first`, which is the first of a block, up to
 `last` exclusive, which is n or the first of another block. in[i] is an argument:
 (rows, n), row after row, if it differs per individual; (rows,) if all share it. out[j]
-is an output, (rows, n). Lanes of the last block that are beyond n are masked: neither
-read nor written.
+is an output, (rows, n).
 
-A block is one, two or four vectors of individuals. A processor starts two vector
-operations per cycle but has each result only some cycles later. If every operation of a
-tape waits for the one before it, as in an integrator of one equation, the processor
-idles; more vectors of individuals fill the gaps. If a tape has many independent
-operations, more vectors only crowd the registers.
+A block is one, two or four vectors; each number of a vector (a lane) belongs to one
+individual. Lanes of the last block that are beyond n are masked: neither read nor
+written. A processor starts two vector operations per cycle but has each result only
+some cycles later. If every operation of a tape waits for the one before it, as in an
+integrator of one equation, the processor idles; more vectors fill the gaps. If a tape
+has many independent operations, more vectors only crowd the registers.
 """
 
 from collections.abc import Callable, Iterable
@@ -154,8 +154,8 @@ class Frame:
 
     Attributes:
         ir: Writer of the function's body.
-        inside: Mask of the lanes that hold an individual; the last block may have more
-            lanes than individuals are left.
+        inside: Mask of the lanes that belong to an individual; the last block may have
+            more lanes than individuals are left.
     """
 
     def __init__(self, ir: VectorIR, *, inputs: int, outputs: int) -> None:

@@ -1,11 +1,13 @@
 """A step applied interval after interval, from the first or from the last.
 
-Carried values stay in registers; kept values are written for every interval.
+A step computes carried values from those before it; these stay in registers. Kept
+values of a step are written for every interval. Two examples, with the state x, the
+controls u, the right-hand side f of the step, and the costate lambda:
 
     forward    x_k+1 = f(x_k, u_k)                      keeps the states
     backward   lambda_k = df/dx' lambda_k+1 + ...       keeps the gradient
 
-A rollout (emitter.py) is the forward kind that keeps nothing.
+A rollout (emitter.py) is a forward scan that keeps nothing.
 """
 
 from collections.abc import Sequence

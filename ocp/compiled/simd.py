@@ -443,10 +443,10 @@ class Ticking:
     """Steps of adaptive length in an interval; a tick tries one (integration/rodas.py).
 
     Attributes:
-        tick: (z, u, p, s) -> z after one tick.
+        tick: (z, u, p, s) -> z after one trial step.
         checks: Number of checks in an interval.
         first: Step size h at the beginning of an interval.
-        most: Largest number of ticks between two checks.
+        most: Largest number of trial steps between two checks.
     """
 
     tick: ca.Function

@@ -1,7 +1,8 @@
 """Instances solved at once in lanes, and verified.
 
-Every start of an instance is a lane of its own, and the best answer of an instance is
-verified. `lanes_of` is the only place that knows which kinds of lanes there are.
+Every start of an instance is solved in a lane of its own, and the best answer of each
+instance is verified. `lanes_of` is the only function that knows which kinds of lanes
+there are.
 """
 
 from collections.abc import Callable, Iterator, Sequence

@@ -1,9 +1,9 @@
 """Data of many instances of one problem, as they are given and for the problem's core.
 
 A value that all instances share is repeated without being copied. An instance with
-invalid data is listed by its number, with the reason; the others are solved. These are
-put into an order that depends on their data only, so that the order in which they are
-given changes no bit of an answer.
+invalid data is listed by its number, with the reason; the valid ones are solved, in an
+order that depends on their data only. So the order in which they are given changes no
+bit of an answer.
 """
 
 import math
@@ -289,7 +289,7 @@ def posed_instances(planner: Planner, data: InstanceData) -> PosedInstances:
 
 
 class _OfCore(NamedTuple):
-    """Instances of the core, their guesses, their numbers, and reasons of others."""
+    """Valid instances of the core, their guesses and numbers; why others are not."""
 
     instances: Instances
     guesses: Array | None

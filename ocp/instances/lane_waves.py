@@ -2,17 +2,19 @@
 
     starts       every instance is solved from its first start, and the answer verified
     margins      an instance whose answer breaks a limit between the checks, but would
-                 be the cheapest, is solved again with finer checks and margins; at
-                 once, since a confirmed answer is not given up for one that is not
+                 be cheaper than its confirmed answer (if it has one), is solved again
+                 with finer checks and margins. This is done at once, since an answer
+                 that is not confirmed never replaces a confirmed one, and would be lost
     neighbours   instances that failed, or for which the answer to a similar instance
-                 promises a lower cost, are solved from answers to similar instances;
-                 this is repeated while it finds better answers
-    more starts  all of this is done again from other starts, for instances that failed
-                 and for some drawn at random; more are drawn as long as the other
-                 starts find cheaper answers
+                 (a neighbour) promises a lower cost, are solved from answers to similar
+                 instances; this is repeated while it finds better answers
+    more starts  the three rounds above are done again from other starts, for instances
+                 that failed and for some drawn at random; more instances are drawn as
+                 long as the other starts find cheaper answers
 
-Neighbours carry a better optimum from instance to instance, so that it needs to be
-found once only, and the starts that find it need not be tried everywhere.
+Solves from neighbours' answers carry a better optimum from instance to instance. So the
+optimum needs to be found once only, and the starts that find it need not be tried at
+every instance.
 """
 
 from collections.abc import Iterator, Sequence
@@ -38,9 +40,9 @@ from swarmstart.ocp.statement.guesses import cold_controls
 _STARTS = 4
 """Largest number of starts of an instance, if no number is given."""
 _PART, _FEWEST, _MOST = 4, 64, 300
-"""The instances that other starts, or neighbours' answers, are tried at first: one in
-so many, at least and at most so many. If 300 show nothing, a cheaper answer is at less
-than 1 % of all, at 95 %."""
+"""Other starts and neighbours' answers are first tried at one in _PART instances, but
+at least at _FEWEST and at most at _MOST. If they are cheaper at none of 300 instances,
+they are so at less than 1 % of all, with 95 % confidence."""
 _ROUNDS = 100
 """Largest number of times that instances are tried from neighbours' answers. An optimum
 gets one or two neighbours further each time, and few instances are tried after the
@@ -50,8 +52,8 @@ _AROUND = 8
 _MARGINS = 2
 """Largest number of times in a wave that limits get finer checks and margins."""
 _TIGHTENED = 6
-"""The same in all waves: the lanes are compiled each time, and what cannot be kept
-would come back in every wave."""
+"""The same in all waves: the lanes are compiled each time, and a limit that cannot be
+kept would be broken in every wave."""
 
 
 class LaneWaves:
@@ -74,11 +76,12 @@ class LaneWaves:
         self._amounts, self._left = Amounts(), _TIGHTENED
 
     def __call__(self, count: int | None) -> int:
-        """Solve all instances; return the number of those that were drawn last.
+        """Solve all instances; return at how many drawn ones more starts were no use.
 
-        At these the other starts found nothing cheaper, so that they were not tried at
-        the other instances. Of the drawn instances, only those that had an answer
-        before are counted. 0: no start was left out in this way.
+        If the other starts find nothing cheaper at the instances drawn last, they are
+        not tried at the instances that were not drawn, and the number of the drawn ones
+        that had a confirmed answer before is returned. 0: no start was left out in this
+        way.
 
         Args:
             count: Number of starts of each instance; None: as in `solve_many`.
@@ -101,7 +104,7 @@ class LaneWaves:
         return 0
 
     def _from(self, starts: Sequence[LaneStart], chosen: NDArray[np.int64]) -> None:
-        """Solve some instances from starts of all, and carry on what they find."""
+        """Solve some instances from given starts, then all from neighbours' answers."""
         here = self._instances.at(chosen)
         if chosen.size < self._work.size:  # Copies of those of all would be large.
             starts = [start.at(chosen) for start in starts]
@@ -134,9 +137,10 @@ class LaneWaves:
         return [*starts, LaneStart(middle)]
 
     def _from_neighbours(self) -> None:
-        """Solve instances from answers of neighbours that promise cheaper ones.
+        """Solve instances from neighbours' answers that promise to be cheaper there.
 
-        The clearest promises are tried first, and others if some of these were kept.
+        The clearest promises are tried first, and further ones as long as these give
+        cheaper answers.
         """
         work, answers = self._work, self._answers
         every, size = np.arange(work.size), self._few
@@ -182,7 +186,7 @@ class LaneWaves:
         chosen: NDArray[np.int64],
         kind: str,
     ) -> None:
-        """Solve some instances, with margins for what would be cheaper.
+        """Solve some instances, again with margins if broken answers are cheaper.
 
         Args:
             here: The instances, with the guesses of what is decided.
@@ -206,7 +210,7 @@ class LaneWaves:
             broken = self._again(self._tight, broken)
 
     def _again(self, tight: InLanes, broken: "_Broken") -> "_Broken":
-        """Solve with margins, from their own answers, those that break a limit."""
+        """Solve instances whose answers break a limit from these, with margins."""
         start = LaneStart(broken.controls, is_near=True)
         return self._solved(
             tight, broken.instances, [start], broken.numbers, "own answer"
@@ -220,9 +224,9 @@ class LaneWaves:
         chosen: NDArray[np.int64],
         kind: str,
     ) -> "_Broken":
-        """Solve some instances; return the answers that only break a limit.
+        """Solve some instances; return answers that break a limit between the checks.
 
-        Between the checks, and that would be cheaper than what is confirmed.
+        Returned are only those that would be cheaper than the confirmed answer.
         """
         costs = self._work.outcomes.confirmed_costs[chosen]
         found = list[tuple[NDArray[np.int64], Array, Array]]()

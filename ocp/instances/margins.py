@@ -2,11 +2,11 @@
 
 The lanes see a constraint at the checks only. If some answers break a limit between the
 checks, by at most e, their instances are solved again with m times as many checks and
-the limit moved by e / m^2: an excess between checks falls with the square of their
-distance. If an excess remains, they are solved once more, with the limit moved by the
-whole of this excess in addition. Margins are the same for all instances, so that one
-problem is compiled, not one for each of them as `solve` does. The answers are judged by
-the limits of the user.
+the limit moved by e / m^2: an excess between checks falls with the square of the
+distance between checks. If an excess remains, the instances are solved once more, with
+the limit moved by the whole of this excess in addition. Margins are the same for all
+instances, so that one problem is compiled; `solve` would compile one for each instance.
+The answers are judged by the limits of the user.
 """
 
 from collections.abc import Iterator

@@ -1,7 +1,8 @@
 """Answers to instances of a rewritten problem (core), in arrays, a column for each.
 
-An answer replaces an earlier one if it is confirmed on the finer path and the other is
-not, or if neither is confirmed and it is better by (violation, cost).
+An answer replaces an earlier one if it is confirmed on the finer path (the same
+controls with ten times as many integration steps) and the other is not, or if neither
+is confirmed and it is better by (violation, cost).
 """
 
 from collections.abc import Sequence
@@ -27,7 +28,7 @@ class Answers(NamedTuple):
     Attributes:
         status: Status of each, shape (n,).
         cost: Cost on the problem's own grid, shape (n,).
-        violation: Summed violation there, relative to the scales, shape (n,).
+        violation: Summed violation on that grid, relative to the scales, shape (n,).
         verified_cost: Cost on the finer path, shape (n,).
         excess: Worst excess of a constraint on the finer path, relative to its scale,
             shape (n,); 0: all are kept.

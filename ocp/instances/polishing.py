@@ -1,9 +1,10 @@
 """Instances solved by an NLP solver, verified or differentiated, in processes.
 
-A copy of this process solves several instances, since a copy takes some milliseconds.
-The first group is solved here, so that all copies have the functions that are built at
-their first use. Each instance has its own generator from the seed, and so its answer is
-that of `solve` without search and lanes, for any number of processes and instances.
+The instances are solved in groups, each by a copy of this process, since making a copy
+takes some milliseconds. The first group is solved in this process, so that all copies
+have the functions that are built at their first use. Each instance has its own
+generator from the seed. So its answer is that of `solve` without search and lanes, for
+any number of processes and instances.
 """
 
 from collections.abc import Callable, Iterator, Sequence

@@ -5,6 +5,8 @@ divided by its range over all instances:
 
     d(i, k)^2 = sum over x0, parameters    ((a_i - a_k) / range(a))^2
               + sum over signals  mean over nodes of the same
+
+a_i is the value of a number a (an initial state, a parameter) in instance i.
 """
 
 from collections.abc import Sequence
@@ -90,15 +92,15 @@ def promises(
 
     Shape (n, count): the gain divided by the least gain that counts; 0 if that is below
     1, infinite if an instance has no confirmed answer. If an instance i and its
-    neighbour k are in the same valley, the costates tell the difference of their costs,
-    up to terms of third order:
+    neighbour k are in the same valley, the costates lam give the difference of their
+    costs V, with the initial states x, up to terms of third order:
 
         V_i - V_k = (lam_i + lam_k)' (x_i - x_k) / 2
 
-    If V_i is larger, their optima differ, and the excess is half the sum of the gains
-    of the neighbour's optimum at i and at k. A gain counts if it is at least `CHEAPER`
-    times the cost, and at least `_CURVED` times the terms of second order, (lam_i -
-    lam_k)' (x_i - x_k).
+    If V_i - V_k is larger than that, the two optima differ, and the excess is half the
+    sum of the gains of the neighbour's optimum at i and at k. A gain counts if it is at
+    least `CHEAPER` times the cost, and at least `_CURVED` times the terms of second
+    order, (lam_i - lam_k)' (x_i - x_k).
 
     Args:
         core: The rewritten problem (core).

@@ -1,11 +1,11 @@
 """One problem solved for many initial states, parameters and signals.
 
 Shapes and names are read first; an invalid instance is left out, with the reason. Then
-the instances are solved in several rounds, the waves of waves.py.
+the instances are solved in several rounds (waves, see waves.py).
 
-Each instance is solved by itself, in an order that depends on the data only, and all of
-one wave before the next. So the answers have the same bits for any number of threads
-and any order of the instances.
+Each instance is solved by itself, in an order that depends on the data only, and all
+instances of one wave before the next wave begins. So the answers have the same bits for
+any number of threads and any order of the instances.
 """
 
 from collections.abc import Sequence

@@ -2,9 +2,10 @@
 
 The lanes solve what they can (lane_waves.py). Instances without a confirmed answer are
 then solved by an NLP solver, one by one: first from an instance's own answer that was
-not confirmed, or else from the guess; then from neighbours' answers; then from random
-controls. If the finer grid gives another value for the polished own answer, too, the
-grid is too coarse, and no start changes that.
+not confirmed, or else from the guess; then from the answers to similar instances; then
+from random controls. If the NLP solver's answer from the instance's own one, too, has
+another cost or end on the finer grid, the problem's grid is too coarse, and no start
+changes that.
 """
 
 from collections.abc import Sequence
@@ -23,7 +24,7 @@ from swarmstart.ocp.rollout.status import SolutionStatus
 
 _ROUNDS = 3
 """Largest number of times that the NLP solver tries instances from neighbours' answers;
-from the second one on those count that an earlier one has found."""
+answers found in one time serve as neighbours' answers in the next."""
 
 
 class Ended(NamedTuple):

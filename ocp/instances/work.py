@@ -18,7 +18,7 @@ from swarmstart.ocp.nlp.start import Start
 from swarmstart.ocp.rollout.status import SolutionStatus
 
 _RANDOM, _DRAWN = 1, 2
-"""Numbers that follow the seed in those of the random starts, and of the instances that
+"""Numbers that are appended to the seed: for random starts, and for the instances that
 are drawn."""
 
 Solve = Callable[[NDArray[np.int64]], Iterator[Group]]

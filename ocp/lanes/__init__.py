@@ -1,1 +1,1 @@
-"""Local solves of many starts at once, each in a SIMD lane."""
+"""Local solves of many starts at once, each in a lane of vector registers (SIMD)."""

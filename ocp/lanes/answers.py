@@ -7,17 +7,17 @@ Mirror images have the same cost, but are two optima. An answer counts as an opt
 only if its lane has shown that it meets the conditions of one; a lane that ended
 elsewhere is unfinished.
 
-The unseen share U is the probability that another answer is an optimum not found yet.
-It is estimated by the share of optima found once, n1 / n (Good 1953). n1 has variance
-n U (1 - U) + 2 n2 about n U, with n2 optima found twice (Esty 1983). The upper limit of
-U, at 95 %, is the largest U with
+The unseen share U is the probability that a further answer is an optimum not found yet.
+Let n answers be optima, n1 of these optima be found once, and n2 twice. U is estimated
+by n1 / n (Good 1953). n1 has variance n U (1 - U) + 2 n2 about n U (Esty 1983). The
+upper limit of U, at 95 %, is the largest U with
 
     (n U - n1)^2 <= 1.645^2 (n U (1 - U) + 2 n2)
 
-and at least 3 / n. This is the score interval (Wilson 1927), which unlike
-n1 + 1.96 sd does not shrink if few optima were found once. It is measured in
-docs/measured/unseen_share.md. It holds for these starts and this solver only, not for
-all optima.
+and at least 3 / n. This is the score interval (Wilson 1927). An interval of n1 plus a
+multiple of its standard deviation would shrink if few optima were found once; this one
+does not. docs/measured/unseen_share.md shows how often the limit holds. It holds for
+these starts and this solver only, not for all optima.
 """
 
 import math
@@ -122,7 +122,7 @@ class Optimum:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Unseen:
-    """Probability that another answer is an optimum not found yet.
+    """Probability that a further answer is an optimum not found yet.
 
     Attributes:
         share: The estimate.
@@ -227,7 +227,7 @@ def paths(answers: LaneAnswers, cheapest: int) -> Array:
 
 
 def unseen_share(counts: Sequence[int]) -> Unseen:
-    """Return the estimated probability that another answer is a new optimum.
+    """Return the estimated probability that a further answer is a new optimum.
 
     The estimate is n1 / n with n1 optima found once among n answers; the module's
     docstring has its confidence interval.

@@ -1,17 +1,24 @@
 """Bounds and rows with limits, as an interior-point method takes them.
 
-A part of a problem (an interval, the end or the start) has rows c(z) with limits, and
-variables with bounds. A row with a limit has a slack s between its limits, and elastic
-variables p, n >= 0 that let it be broken, at the price rho:
+A part of a problem (an interval, the end or the start) has rows c with limits, which
+depend on state and controls, and variables with bounds. A row with a limit has a slack
+s between its limits, and elastic variables p, n >= 0 that let it be broken, at the
+price rho:
 
     c - s + p - n = 0        (s is the limit itself if both limits are equal)
 
 so that any start is a point inside, and linearised rows always have a solution. Every
-bound v >= l or v <= u is a pair of a distance d = +-(v - bound) > 0 and a dual z > 0
-with d z = mu on the central path. In Newton's step slacks, elastic variables and duals
-are eliminated, row by row: the multiplier after the step is
+bound of a variable v has a distance d = +-(v - bound) > 0 and a dual z > 0, with
+d z = mu on the central path with the parameter mu. In Newton's step slacks, elastic
+variables and duals are eliminated, row by row: the multiplier of a row after the step
+is
 
-    m+ = w (c' dz + o),    1 / w = 1/S_s + 1/S_p + 1/S_n,    S = z / d + delta
+    m+ = w (c' dy + o),    1 / w = 1/S_s + 1/S_p + 1/S_n,    S_v = z / d + delta
+    o = (c - s + p - n) + g_s / S_s - g_p / S_p + g_n / S_n
+
+with dy the step of state and controls, c' the derivative of the row by them, g_v the
+derivative of barrier and price by v, and delta >= 0 a number that makes the step one of
+descent (interior_kernels.py). Terms of variables that a row does not have are left out.
 
 Source: Nocedal and Wright (2006), Numerical Optimization, 19.3 and 18.5 (penalties);
 Wächter and Biegler (2006), On the implementation of an interior-point filter
@@ -97,7 +104,7 @@ class Pairs:
         return self.summed(z / self.distances(v))
 
     def slope(self, v: ca.SX, mu: ca.SX) -> ca.SX:
-        """Return the gradient of -mu sum(log(d))."""
+        """Return the gradient of the barrier -mu sum(log(d)), d the distances."""
         return self.pushed(-mu / self.distances(v))
 
     def pushed(self, z: ca.SX) -> ca.SX:
@@ -110,7 +117,7 @@ class Pairs:
         return mu / d - z - z / d * self.of_pairs(step)
 
     def logs(self, v: ca.SX) -> ca.SX:
-        """Return -sum(log(d)); not finite outside the bounds."""
+        """Return -sum(log(d)), d the distances; not finite outside the bounds."""
         total = ca.SX(0)
         for d in ca.vertsplit(self.distances(v)) if self.of else ():
             total -= ca.log(d)
@@ -183,8 +190,8 @@ class Eliminated(NamedTuple):
     """Rows with their slacks and elastic variables eliminated.
 
     Attributes:
-        weight: Weights w of the rows.
-        force: w o, the multipliers after a step dz = 0.
+        weight: Weights w of the rows, see the module's docstring.
+        force: w o, the multipliers if state and controls do not move.
     """
 
     weight: ca.SX

@@ -1,8 +1,9 @@
 """Lanes side by side in one block of memory, and all starts solved in such blocks.
 
 Every name that a kernel reads or writes stands for some rows of the memory, whose
-columns are the lanes. The rows of "next.x" hold the value of x after a turn, for any
-name x. Threads take equal shares of the starts, each with a memory of its own.
+columns are the lanes. For any name x, the rows of "next.x" hold the value of x after a
+turn, which is a trial of a step's length (turns.py). Threads take equal shares of the
+starts, each with a memory of its own.
 """
 
 import ctypes
@@ -77,7 +78,8 @@ class Block:
 
     Attributes:
         memory: The memory, shape (rows, lanes).
-        calls: Address of `part`, of its arguments and of its outputs for each kernel.
+        calls: For each kernel the addresses of its function `part` (compiled/frame.py),
+            of the table of its arguments, and of the table of its outputs.
     """
 
     def __init__(

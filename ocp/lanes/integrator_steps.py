@@ -1,13 +1,15 @@
 """The steps of an integrator in scaled numbers, with their derivatives.
 
 An interval leads from (x, u) to F(x, u) by equal steps y+ = f(y, u), each of which
-costs l(y, u). Derivatives by (y, u) of what follows are carried from the last step to
-the first one: with S = d(f, u)/d(y, u), h = l + p'f, before a step
+costs l(y, u). Derivatives by (y, u) are carried from the last step to the first one.
+With S = d(f, u)/d(y, u) and h = l + p'f, their values after a step (left) give those
+before it (right):
 
-    costate p          dh/dy
-    gradient g of l    dl/d(y, u) + S'g
-    Jacobian W of F    W S
-    curvature V        d2h/d(y, u)2 + S'V S
+    p    costate                                          dh/dy
+    g    gradient of the costs of all later steps         dl/d(y, u) + S'g
+    W    Jacobian of F                                    W S
+    V    second derivatives of these costs + p'F, with    d2h/d(y, u)2 + S'V S
+         p the costate after the last step
 
 S has many zeros, which are left out.
 """
@@ -28,8 +30,8 @@ from swarmstart.ocp.rollout.shooting import Shooting
 class IntegratorSteps:
     """The steps of an interval; numbers are divided by sizes, the cost by `unit`.
 
-    The arguments are y, u, p (parameters), unit, and the signals at both ends of a
-    step; s of `shared` are the sizes, as in the NLP.
+    The arguments are y, u, p (here the parameters), unit, `shared` (which contains the
+    sizes, as in the NLP), and the signals a and b at both ends of a step.
 
     Attributes:
         value: (y, u, p, unit, shared, a, b) -> (f, l).

@@ -3,15 +3,17 @@
 An instance has an initial state, parameters and perhaps signals of its own. Every lane
 runs IPOPT's method with a Riccati recursion (interior_kernels.py). Lanes are
 independent: an answer has the same bits whatever the other lanes solve, and for any
-number of threads. Numbers are divided by the sizes of one instance of a call, though:
-with other instances in the call, all numbers and so the last digits of answers may
+number of threads. However, numbers are divided by the sizes of one instance of a call:
+with other instances in the call, all numbers, and so the last digits of answers, may
 differ.
 
-Some lanes are solved side by side in one memory (blocks.py). Names of an interval: x,
-xa (state after it), u, w (slacks and elastic variables), m and lam (multipliers), z
-(duals), the step "d.", and of the recursion k, K, V, v. Names of the ends: y (decisions
-about the start), x0, end, and w, m, z of both ends. Names of a lane: those of
-interior_verdict.py.
+Some lanes are solved side by side in one memory, whose rows have names (blocks.py).
+Names of an interval: x, xa (state after it), u, w (slacks and elastic variables), m
+(multipliers of its rows), lam (multiplier of F(x, u) - xa = 0), z (duals); the steps of
+these, which begin with "d."; and of the recursion k, K (step of u: k + K dx, with dx
+the step of x) and V, v (lam after the step: V dxa + v, with dxa the step of xa). Names
+of the ends: y (decisions about the start), x0, end, and w, m, z of both ends. Names of
+a lane: those of interior_verdict.py.
 """
 
 from collections.abc import Iterable, Mapping
@@ -61,9 +63,9 @@ FIRST_MU, FIRST_RHO = 1e-2, 1.0
 size 1 at the start. A large mu leads away from the start, to an optimum that may be a
 worse one."""
 LEAST_UNIT, SAYING = 1e-8, 1e-6
-"""Least unit of the cost, and least size of a start's cost that says something, both
-relative to its natural size. Where limits must be met first, the start's cost says less
-of that of the optimum: the unit is at least `LIMITED`."""
+"""Least unit of the cost, and least cost of a start that may be the unit, both relative
+to the natural size of the cost. If a problem has limits, the cost of a start says less
+about the cost of the optimum, so the unit is at least `LIMITED`."""
 LIMITED = 1e-2
 _CACHE = 1 << 20
 """Size of the memory of the lanes that are solved side by side [bytes], about that of a
@@ -74,21 +76,22 @@ _CHUNK = 1 << 26
 _EXAMINED = 16
 """Largest number of instances that are asked for their sizes."""
 _FAR = 1e3
-"""Ratio of a size to that of most instances from which its instance gives no sizes."""
+"""Ratio of a size to the median of all instances above which its instance is not the
+one whose sizes are taken."""
 _WIDEST = 700.0
 """Largest logarithm of a size; that of an infinite one would not be finite."""
 _SWEPT = 8
 """Least ratio of instructions, those of a sweep over an interval by those of the
-interval (16 to 80 were seen). Sweeps that must be too long are so refused without
-counting, which would take seconds."""
+interval (16 to 80 were seen). So sweeps that must be too long are refused without
+counting their instructions, which would take seconds."""
 _TURNS = 64
 """Number of turns between two checks for Ctrl-C."""
 BLANK = {
     "tries": 1.0, "paid": np.inf, "worst": np.inf, "filter_theta": 1e300,
     "filter_phi": 1e300, "theta_most": 1e300,
 }  # fmt: skip
-"""First value of the numbers of a lane that do not begin at 0. Its first trial has the
-length 0."""
+"""First value of the numbers of a lane that do not begin at 0. The first trial of a
+lane has the length 0."""
 _KEPT = "u", "y", "x", "end", "paid", "worst", "iterations", "met", "force_start"
 
 
@@ -281,9 +284,9 @@ class InteriorLanes:
     def _posed(self, instances: Instances) -> Posed:
         """Return what all instances share, with sizes that suit all of them.
 
-        They are those of the instance that costs most; but one that is far from the
-        others, or not finite, gives none: with the sizes of a state at 1e8, all others
-        would seem to meet their limits.
+        The sizes are those of the instance with the largest size of the cost. Instances
+        that are far from the others, or not finite, are not considered: with the sizes
+        of a state at 1e8, all other instances would seem to meet their limits.
         """
         problem = self.problem
         able = np.flatnonzero(np.isfinite(np.vstack(instances)).all(axis=0))
@@ -385,7 +388,7 @@ def _layout_of(kernels: Interior[Kernel]) -> tuple[Layout, Rows]:
 
 
 class _Chunk:
-    """Some instances, of which the starts are in memory at once."""
+    """Some instances, whose starts are in memory at the same time."""
 
     def __init__(  # noqa: PLR0913, PLR0917 - instances and their starts
         self,

@@ -1,14 +1,15 @@
 """The machine code of an interior-point method in lanes.
 
-The method is IPOPT's: Newton's step on the central path of parameter mu, a filter for
-its length. The system of all intervals is solved from the end to the start by a Riccati
-recursion (the sweep), whose pivots are positive if and only if the step is one of
-descent; else delta is added to all second derivatives, as much as it takes.
+The method is IPOPT's: Newton's step towards the central path of parameter mu, whose
+length a filter chooses. The system of all intervals is solved from the end to the start
+by a Riccati recursion (the sweep). The pivots of the recursion are positive if and only
+if the step is one of descent; else a number delta is added to all second derivatives,
+which is raised until they are positive.
 
 Two groups of kernels take turns. A step: `last`, `backward`, `start`, `along`, `aim`. A
-trial of a length: `move`, `trial`, `verdict`, `keep`. Names are rows of the memory of a
-lane (interior.py); those that begin with "d." are the step, and those with "next." and
-"aim." the new values.
+trial of a length: `move`, `trial`, `verdict`, `keep`. Names stand for rows of the
+memory of a lane (interior.py). Names that begin with "d." are the step; those that
+begin with "next." and "aim." are new values, after a trial and after a sweep.
 
 Source: Wächter and Biegler (2006), On the implementation of an interior-point filter
 line-search algorithm for large-scale nonlinear programming; Rao, Wright and Rawlings
@@ -244,8 +245,8 @@ class _Maker:
         """Return the kernel of states and controls inside their bounds.
 
         A lane whose `rolled` is set takes the states that its controls lead to; a state
-        is replaced by `home` if it, or the state one interval later, has an entry of
-        size WILD or more. Another lane takes the given states.
+        is replaced by x0 (`home`) if it, or the state one interval later, has an entry
+        of size WILD or more. Another lane takes the given states.
         """
         interval = self._places.interval
         lane = symbols(rolled=1, mu=1, rho=1, home=self._nx)

@@ -1,8 +1,8 @@
 """Newton's step of an interior-point method, part by part, and measures of a point.
 
-The step of an interval's state and controls comes from the Riccati recursion; here are
-its second derivatives, and the steps of slacks, elastic variables and duals that follow
-from it (barrier.py).
+The Riccati recursion computes the step of an interval's state and controls. This module
+has the second derivatives that the recursion needs, and the steps of slacks, elastic
+variables, multipliers and duals that follow from that step (barrier.py).
 """
 
 from typing import NamedTuple
@@ -21,9 +21,10 @@ class Folded(NamedTuple):
     """A part with its slacks and elastic variables eliminated from Newton's step.
 
     Attributes:
-        S: z / d + delta of each variable with bounds.
+        S: Of each variable with bounds, the sum of z / d over its bounds (z: dual, d:
+            distance to the bound), plus delta.
         slope: Gradient of barrier and price by these variables.
-        rows: The eliminated rows.
+        rows: The rows, after the elimination.
         C: Derivatives of the rows by state and controls.
     """
 
@@ -34,7 +35,7 @@ class Folded(NamedTuple):
 
 
 def folded(place: Place, mu: ca.SX, rho: ca.SX, delta: ca.SX) -> Folded:
-    """Return a part folded into state and controls.
+    """Eliminate the slacks and elastic variables of a part from Newton's step.
 
     Args:
         place: The part.
@@ -50,11 +51,11 @@ def folded(place: Place, mu: ca.SX, rho: ca.SX, delta: ca.SX) -> Folded:
 
 
 def quadratic(place: Place, part: Folded, more: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Return second derivatives and gradient of the folded part, by state and controls.
+    """Return second derivatives and gradient of a part, by state and controls.
 
     Args:
         place: The part.
-        part: The part, folded.
+        part: The same part without slacks and elastic variables, from `folded`.
         more: Further terms of the Lagrangian.
     """
     rows, z = place.walls.rows, place.z
@@ -67,12 +68,13 @@ def quadratic(place: Place, part: Folded, more: ca.SX) -> tuple[ca.SX, ca.SX]:
 
 
 class Lengths(NamedTuple):
-    """Change of the barrier's value along a step, and the longest steps.
+    """Change of the barrier's value along Newton's step, and how much of it is allowed.
 
     Attributes:
-        gain: Directional derivative.
-        primal: Longest step of the variables.
-        dual: Longest step of the duals.
+        gain: Directional derivative of the barrier's value.
+        primal: Largest fraction of the step that leaves every variable a part of its
+            distances to bounds.
+        dual: Largest fraction of the step that leaves every dual a part of its value.
     """
 
     gain: ca.SX
@@ -83,15 +85,17 @@ class Lengths(NamedTuple):
 def stepped(
     place: Place, part: Folded, moved: ca.SX, own: ca.SX, mu: ca.SX, so_far: Lengths
 ) -> tuple[dict[str, ca.SX], Lengths]:
-    """Return the step of the variables that a part keeps, and its lengths.
+    """Return the steps of a part's slacks, elastic variables, multipliers and duals.
+
+    Returned too is `so_far` with this part added.
 
     Args:
         place: The part.
-        part: The part, folded.
+        part: The same part without slacks and elastic variables, from `folded`.
         moved: Step of state and controls.
-        own: Step of the part's own variables.
+        own: Step of the part's own variables with bounds.
         mu: Parameter of the central path.
-        so_far: Lengths so far.
+        so_far: Directional derivative and longest steps of the parts before this one.
     """
     walls, kept, v = place.walls, place.kept, place.v
     after = part.rows.weight * (part.C @ moved) + part.rows.force
@@ -111,7 +115,12 @@ def stepped(
 
 
 class Measures(NamedTuple):
-    """Measures of a point; see SUMS and TOPS."""
+    """Measures of a point.
+
+    Attributes:
+        sums: The sums that SUMS names, in that order.
+        tops: The largest absolute values that TOPS names, in that order.
+    """
 
     sums: ca.SX
     tops: ca.SX

@@ -2,9 +2,9 @@
 
 The problem is the NLP of transcription.py, in its scaled numbers: an interval leads
 from x to F(x, u), costs l(x, u), and its rows c(x, u) have limits. The state xa after
-it is a variable of its own, F(x, u) - xa = 0 with the multiplier lam. Parameters and
-the initial state are those of a lane; signals may be. The cost is divided by a unit
-that each lane has: the size of its start's cost.
+it is a variable of its own, F(x, u) - xa = 0 with the multiplier lam. Each lane has its
+own parameters and initial state, and perhaps its own signals. The cost is divided by a
+unit that each lane has: the size of the cost of its start.
 """
 
 from dataclasses import dataclass
@@ -68,7 +68,7 @@ class Place:
 
     @cached_property
     def cost_slope(self) -> ca.SX:
-        """Gradient of its cost by state and controls."""
+        """Gradient of the part's cost by state and controls."""
         return ca.gradient(self.cost, self.z)
 
     def slopes(self, rows: ca.SX) -> ca.SX:
@@ -81,7 +81,7 @@ class Place:
 
     @cached_property
     def excess(self) -> ca.SX:
-        """Residual of its rows: c - s + p - n."""
+        """Residual of the part's rows: c - s + p - n (barrier.py)."""
         return self.walls.excess(self.v, self.walls.rows)
 
 
@@ -93,11 +93,11 @@ class SteppedPlace(Place):
     state after it may depend on the state F after the last step, a given number here.
 
     Attributes:
-        stepped: Symbols of given numbers by name. Where a step is taken: "F"; "Gc"
-            (gradient of the integral); "J" (Jacobian of F); "H" (lower triangle of the
-            second derivatives of the integral + p'F, p the costate of `pull`). At a
-            trial point: "F_new"; "L_new" (integral); "G_new" (gradient of the
-            integral + p'F).
+        stepped: Symbols of given numbers by name. At the point from which Newton's step
+            is taken: "F"; "Gc" (gradient of the integral of the cost); "J" (Jacobian of
+            F); "H" (lower triangle of the second derivatives of the integral + p'F,
+            with p the costate of F, see `pull`). At a trial point: "F_new"; "L_new"
+            (integral); "G_new" (gradient of the integral + p'F).
     """
 
     stepped: dict[str, ca.SX]
@@ -110,25 +110,25 @@ class SteppedPlace(Place):
 
     @cached_property
     def cost_slope(self) -> ca.SX:
-        """Gradient of its cost by state and controls."""
+        """Gradient of the part's cost by state and controls."""
         return self.slopes(self.cost).T + self.stepped["Gc"]
 
     def slopes(self, rows: ca.SX) -> ca.SX:
-        """Return the Jacobian of expressions, also by way of F."""
+        """Return the Jacobian of expressions, including their dependence on F."""
         direct = ca.jacobian(rows, self.z)
         return direct + ca.jacobian(rows, self.stepped["F"]) @ self.jacobian
 
     def bend(self, one: ca.SX) -> ca.SX:
-        """Return the second derivatives of an expression, in the same way.
+        """Return the second derivatives of an expression, with its dependence on F.
 
-        Those of F are part of H.
+        The terms with second derivatives of F are left out; they are part of H.
         """
         both = ca.vertcat(self.z, self.stepped["F"])
         chain = ca.vertcat(ca.SX.eye(self.z.numel()), self.jacobian)
         return chain.T @ ca.hessian(one, both)[0] @ chain
 
     def pull(self) -> ca.Function | None:
-        """Return the costate of F; None if it is that of the state after it, lam.
+        """Return the costate of F; None if it is lam, that of the state after F.
 
         (x, u, m, lam, F, parameters, unit, shared, signals) -> shape (nx,).
         """

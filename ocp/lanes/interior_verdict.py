@@ -1,16 +1,18 @@
 """Judgement of a step of an interior-point method, and what a lane does next.
 
-The measures of a trial point are cost, theta (the sum of what equations leave), logs
-(-sum(log(d))), elastic (the sum of elastic variables) and duals (their sum); and the
-largest dual residual, primal residual, gap d z, multiplier of a row (pressure) and
-elastic variable (excess). The barrier's value is
+The measures of a trial point are cost; theta (the sum of the absolute residuals of all
+equations); logs (-sum(log(d)), d the distances to bounds); elastic (the sum of elastic
+variables); and duals (the sum of the duals z and of all multipliers' absolute values).
+Further measures are the largest dual residual, primal residual, gap d z, multiplier of
+a row (pressure) and elastic variable (excess). The barrier's value is
 
     phi = cost + mu logs + rho elastic
 
-A step is accepted by the filter of Wächter and Biegler, whose last `_FILTER` entries
-are kept, without second-order corrections and restoration: with elastic variables they
-made no lane better in the problems tried. mu falls when the scaled error is below ten
-mu. rho grows tenfold if a multiplier comes near it.
+with mu the parameter of the central path and rho the price of elastic variables. A step
+is accepted by the filter of Wächter and Biegler, of which the last `_FILTER` entries
+are kept. Second-order corrections and the restoration of IPOPT are left out: with
+elastic variables these made no lane better in the problems tried. mu falls when the
+scaled error is below ten mu. rho grows tenfold if a multiplier comes near it.
 """
 
 from typing import NamedTuple
@@ -248,7 +250,7 @@ class _Judged:
         )
 
     def _path(self, taken: ca.SX) -> _Path:
-        """Return the next parameters, and whether the lane has arrived."""
+        """Return the next parameters, and whether the lane is at an optimum."""
         mu, rho = self._now["mu"], self._now["rho"]
         duals = self._ends.sums[SUMS.index("duals")]
         dual, primal, gap, pressure, excess = ca.vertsplit(self._ends.tops)
@@ -371,7 +373,7 @@ class _Judged:
         return {**found, "filter_next": ca.if_else(fresh, 0, moved)}
 
     def _kept(self, taken: ca.SX) -> Named:
-        """Return what the ends keep."""
+        """Return the new values of the variables at both ends."""
         ends, mu = self._ends, self._now["mu"]
         new = dict(ends.trial)
         for place in (ends.places.end, ends.places.begin):

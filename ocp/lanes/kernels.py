@@ -33,7 +33,7 @@ class Written(NamedTuple):
 
     Attributes:
         function: Function of the kernel; with intervals, that of one interval.
-        roles: Role of each argument, as in scan.py.
+        roles: Role of each argument, as in compiled/scan.py.
         turns: Number of intervals; 0: it has none.
         backward: Whether the last interval comes first.
         reads: Names of its arguments.

@@ -24,11 +24,11 @@ s, 56 are feasible and 1 is the best; with 100, 126 and 36 (10: 97 and 24; 1000:
 37). On eight shipped problems 1, 10 and 100 lead to the same optima as often."""
 _LONGEST = 30_000
 """Largest number of instructions of an interval's part of a kernel. LLVM takes 7 s for
-10,000, and 2 minutes for 39,000, for which one answer would have to wait. A longer one
-is divided into its steps (steps.py)."""
+10,000, and 2 minutes for 39,000, for which the first answer would have to wait. A
+longer interval is divided into its steps (steps.py)."""
 STEPS = 1.5
-"""Sweeps per iteration, and trials: 1.04 to 1.9 sweeps were seen on seven problems; of
-trials, which are shorter, there are taken to be as many."""
+"""Sweeps per iteration: 1.04 to 1.9 were seen on seven problems. As many trials, which
+are shorter, are assumed."""
 
 
 class LaneSolver:
@@ -200,7 +200,7 @@ class LaneSolver:
 def _with(
     found: LaneAnswers, lanes: NDArray[np.int64], again: LaneAnswers
 ) -> LaneAnswers:
-    """Return answers with those of some lanes replaced; all their steps count."""
+    """Return answers with those of some lanes replaced, and their iterations added."""
     both = {one.name: np.array(getattr(found, one.name)) for one in fields(LaneAnswers)}
     for name, values in both.items():
         values[..., lanes] = getattr(again, name)

@@ -34,10 +34,10 @@ from swarmstart.ocp.statement.rewrites.changed import (
 
 _SWEPT = 12
 """Least ratio of instructions, those of a sweep over a step by those of the step (14 to
-174 were seen). What must be too long is so refused before it is built."""
+174 were seen). So a sweep that must be too long is refused before it is built."""
 _MOST_STATES = 24
-"""Largest number of states and of what is held; a sweep of 32 has 71,000 instructions,
-whatever the model."""
+"""Largest number of states and held controls together; a sweep with 32 of them has
+71,000 instructions, whatever the model."""
 
 
 def are_short(shooting: Shooting, longest: int) -> bool:
@@ -57,7 +57,7 @@ def is_divisible(problem: OptimalControlProblem) -> bool:
     """Return whether a core's steps can be intervals of their own, in lanes.
 
     Costs must be integrals, since sums have a term for each interval; and controls must
-    be bounded, since those without an effect are led to their middle by bounds only.
+    be bounded, since only bounds lead controls without an effect to their middle.
     """
     model = problem.model
     return (

@@ -1,9 +1,10 @@
 """The loop over steps and trials of lanes, compiled: kernels called at their addresses.
 
-Lanes are the columns of one memory. A lane that needs a step waits until most lanes do,
-since a sweep takes as long for one lane as for all. A lane that has ended is recorded,
-and the last lane takes its place, so that working lanes are always the first ones; then
-further starts begin.
+Lanes are the columns of one memory. A lane that needs a step waits until most lanes
+need one, since a sweep (the computation of steps by the Riccati recursion, see
+interior_kernels.py) takes as long for one lane as for all. When a lane has ended, its
+results are recorded and the last lane moves to its column, so that working lanes are
+always in the first columns; then further starts begin.
 """
 
 from typing import NamedTuple
@@ -12,7 +13,7 @@ from swarmstart.arrays import Array
 from swarmstart.machine_code import Count, call_code, free_kernel, kernel
 
 _MOST = 0.75
-"""Fraction of the lanes that must wait for a sweep before it is done."""
+"""Fraction of the lanes that must wait for a sweep before the sweep is done."""
 _SWEEP, _TRIAL = 5, 3
 """Number of kernels of a sweep, and of a trial before `keep`."""
 
@@ -27,9 +28,9 @@ class Rows(NamedTuple):
         aims: Number of these rows.
         following: First row of the state after a trial.
         size: Number of rows of the state.
-        tries: Whether a lane tries a step; else it waits for a sweep.
-        taken: Whether the tried step is accepted.
-        done: Whether a lane has ended.
+        tries: Row that says whether a lane tries a step; else it waits for a sweep.
+        taken: Row that says whether the tried step is accepted.
+        done: Row that says whether a lane has ended.
     """
 
     state: int

@@ -1,8 +1,9 @@
 """The sequence of proven bounds, from a set that holds all trajectories.
 
-For rising degrees: polynomials that shrink the set by means of the known cost, as long
-as that pays, then a polynomial whose value at the start, which gives the bound, is
-high.
+For each of some rising degrees, polynomials first show that no trajectory through some
+points of the set costs less than an answer that is known; the set shrinks by these
+points, as long as a noticeable part of it is removed. Then a polynomial is computed
+whose value at the start is high, since this value gives the bound.
 """
 
 from __future__ import annotations
@@ -63,7 +64,7 @@ ABOVE = 1e-6
 
 @dataclass(eq=False)
 class Best:
-    """The best bound so far, of a statement's cost without its offset."""
+    """The best bound so far, of the cost of a statement without the offset."""
 
     statement: Statement
     value: float
@@ -94,7 +95,7 @@ class Best:
 
 @dataclass(eq=False)
 class Ascent:
-    """Search for better and better bounds, which starts from a tube."""
+    """Search for better and better bounds; the first set of trajectories is a tube."""
 
     statement: Statement
     tube: Tube
@@ -150,7 +151,7 @@ class Ascent:
                 return
 
     def _kept(self, aim: Aim) -> Cuts | None:
-        """Return the cuts of earlier searches that are still in the set."""
+        """Return the points of earlier linear programs that are still in the set."""
         cuts = self._cuts.get(aim)
         if cuts is None:
             return None
@@ -238,7 +239,7 @@ class Ascent:
                 return
 
     def _needed(self, go: Step | None) -> Callable[[Array], Array]:
-        """Return the cost of reaching a point from which on the point is cut off.
+        """Return the function `needed` of a search that prunes; see `Search`.
 
         Args:
             go: Step that bounds the cost from the point on; None if there is none.

@@ -1,4 +1,4 @@
-"""Polynomials of (t, x) as products of Chebyshev polynomials on a box.
+"""Polynomials of time t and states x, as products of Chebyshev polynomials on a box.
 
 Coefficients and box are inputs of the symbolic form, so that its derivatives are formed
 once for all polynomials of a degree.
@@ -113,7 +113,11 @@ class Basis:
         number = {tuple(e): j for j, e in enumerate(self.exponents.tolist())}
 
         def nested(axis: int, chosen: tuple[int, ...]) -> ca.SX:
-            """Return the sum over the remaining axes; nesting saves products."""
+            """Return the sum of the terms with given exponents in the first axes.
+
+            The factors of the axes before `axis`, whose exponents are `chosen`, are
+            left out; so nested sums need fewer products.
+            """
             total = ca.SX(0)
             for k in range(self.degree + 1 - sum(chosen)):
                 if axis < n - 1:

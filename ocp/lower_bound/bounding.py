@@ -1,10 +1,15 @@
 """Lower bounds of optimal-control problems, from the problem to the answer.
 
-    statement -> tube -> (prunings by a known cost) -> polynomials of rising degree,
-    each proven, until time is up or the gap is closed
+    statement    the problem in numbers
+    tube         a set that holds all admissible trajectories
+    prunings     points leave the set if no trajectory through them costs less than an
+                 answer that is known
+    polynomials  of rising degree; each proves a bound, until time is up or the bound
+                 reaches the cost of that answer
 
 Source: Lasserre, Henrion, Prieur and Trelat (2008), Nonlinear optimal control via
-occupation measures and LMI relaxations: V is the dual of their linear program.
+occupation measures and LMI relaxations: the polynomials are the dual variables of their
+linear program.
 """
 
 from __future__ import annotations
@@ -188,7 +193,7 @@ def _bounded(
     rng: np.random.Generator,
     tell: Callable[[], None],
 ) -> LowerBound:
-    """Return the best bound that can be proven until a reading of the clock of work."""
+    """Return the best bound that can be proven until `now()` reaches a value."""
     best = _trivial(statement, None)
     try:
         tube = tube_of(statement)

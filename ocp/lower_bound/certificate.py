@@ -1,10 +1,11 @@
 """Certificates: the evidence of a proven lower bound, as a file to be checked.
 
-The content is ready for JSON: the problem as data (a tape, as of terminal sets), the
-tube, the polynomials, the slacks, the bound. The command
-`python -m swarmstart.ocp.lower_bound.check FILE` proves it again, with another
-arithmetic and without code of the search. The digest detects careless edits; a file
-with a new digest must still pass the proof.
+The content is ready for JSON: the problem as a list of instructions (a tape, as in
+certificates of terminal sets), the tube, the polynomials, the slacks of the proofs, and
+the bound; see `stated/answer.py`. The command
+`python -m swarmstart.ocp.lower_bound.check FILE` proves the bound again, with another
+arithmetic and without code of the search. The digest of the file detects careless
+edits; a file with a new digest must still pass the proof.
 
     ["t", 0]  ["x", 0]  ["u", 0]  ["const", 9.81]  ["mul", 0, 3]
 

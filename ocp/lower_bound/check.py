@@ -4,7 +4,7 @@
 
 This is `python -m swarmstart.terminal_set.check`, which judges certificates of every
 kind. Of a lower bound everything is proven again: derivatives come from arithmetic on
-truncated Taylor series in place of CasADi's, and the bound itself is computed in exact
+truncated Taylor series, not from CasADi, and the bound itself is computed in exact
 fractions.
 """
 

@@ -1,24 +1,28 @@
-"""The Hamilton-Jacobi-Bellman inequality V_t + L + V_x f >= -slack, of a step.
+"""The Hamilton-Jacobi-Bellman inequality h >= -slack of a step, h = V_t + L + V_x f.
 
-Over boxes it is bounded from below, in intervals. If f is affine in u and L is
-separable and quadratic,
+V(t, x) is the polynomial of the step (`stated/answer.py`), f(t, x, u) the right-hand
+side and L(t, x, u) the stage cost; t, x and u are time, states and controls. h is
+bounded from below over boxes by interval arithmetic. Let f be affine in u, and L
+separable and quadratic: f = f0 + sum B_k u_k, L = L0 + sum (c_k u_k + q_k u_k^2), with
+f0, B_k and L0 functions of (t, x). Then the least h over all u is
 
     h = a + sum over k of p_k(b_k),    a = V_t + L0 + V_x f0,    b_k = V_x B_k + c_k,
     p_k(b) = min over u in [low, high] of b u + q_k u^2
 
-p is concave, and its slope is the minimiser u(b), which decreases by at most 1 / (2 q)
-per unit of b. So with b_m the value in the middle of a box and u = u(b_m)
+p_k is concave, and its slope is the minimiser u(b), which decreases by at most
+1 / (2 q_k) per unit of b. So with b_m the value of b in the middle of a box and
+u = u(b_m)
 
-    p(b) >= p(b_m) + u (b - b_m) - (b - b_m)^2 / (4 q)
+    p_k(b) >= p_k(b_m) + u (b - b_m) - (b - b_m)^2 / (4 q_k)
 
-with the last term only if u(b) is not the same bound over the whole box. If q = 0, p is
-the minimum of two lines, which lies above its chord over a box in which b may change
-sign. For all other problems u is a coordinate of the boxes, and h is a function of
-(t, x, u).
+with the last term only if u(b) is not the same bound over the whole box. If q_k = 0,
+p_k is the minimum of two lines. Over a box in which b may change sign, p_k lies above
+the chord between its values at the ends. For all other problems u is a coordinate of
+the boxes, and h is a function of (t, x, u).
 
 At points (`Stage`), h, the costs and the best control are plain floats. These numbers
 are not rigorous: they make rows of linear programs and find points at which a
-polynomial fails. The proof depends on the intervals alone.
+polynomial violates the inequality. The proof depends on the intervals alone.
 """
 
 from __future__ import annotations
@@ -57,7 +61,7 @@ class Bounds(NamedTuple):
 
 
 class Inequality:
-    """Lower bounds of h over boxes, for every polynomial of a degree."""
+    """Lower bounds over boxes of h (see above), for every polynomial of a degree."""
 
     def __init__(
         self, statement: Statement, affine: Affine | None, basis: Basis
@@ -147,7 +151,10 @@ class Inequality:
 
 
 class _Line(NamedTuple):
-    """A lower bound of p(b): constant + u (b - b_m) - curved (g'd)^2 / 2 - rest."""
+    """A lower bound of p(b): constant + u (b - b_m) - curved (g'd)^2 / 2 - rest.
+
+    d is the deviation from the middle of a box, b_m and g are b and its gradient there.
+    """
 
     u: Array
     constant: Array
@@ -188,8 +195,8 @@ def _of_kink(box: tuple[float, float], about: tuple[Array, Array]) -> _Line:
     """Return the line below min over u in box of b u: low b or high b.
 
     The minimum is concave, with a kink at b = 0. Over a range of b that holds the kink,
-    the chord through its ends is below it; its pull is what halving b would gain, for
-    each unit of b.
+    the chord through its ends is below it. `pull` is by how much the bound would rise
+    if the range of b were halved, per unit of b.
 
     Args:
         box: Lower and upper bound of the control.
@@ -213,6 +220,8 @@ def _of_kink(box: tuple[float, float], about: tuple[Array, Array]) -> _Line:
 
 class Quadratic(NamedTuple):
     """Functions that are at least constant + g'd + d'Hd / 2 - rest over m boxes.
+
+    d is the deviation from the middle of a box.
 
     Attributes:
         reach: Half widths of the boxes, shape (d, m).

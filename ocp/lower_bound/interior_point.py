@@ -2,11 +2,12 @@
 
     maximise c'w  subject to  A w + b >= 0
 
-Mehrotra's predictor and corrector work on the normal equations, which have the size of
-w: an iteration costs one product A'DA. The method ends near the centre of the optimal
-set, not at a vertex, so that the polynomial changes little from one round
-(subsolution.py) to the next. Measured on the programs of this package (10,000 rows, 84
-unknowns) it takes a fifth of the time of HiGHS.
+w are the unknowns. Mehrotra's predictor and corrector work on the normal equations,
+which have as many unknowns: an iteration costs one product A'DA with a diagonal matrix
+D. The method ends near the centre of the optimal set, not at a vertex, so that the
+polynomial changes little from one round (subsolution.py) to the next. Measured on the
+programs of this package (10,000 rows, 84 unknowns) it takes a fifth of the time of
+HiGHS.
 
 Source: Mehrotra (1992), On the implementation of a primal-dual interior point method.
 """
@@ -138,7 +139,7 @@ class _Newton:
         return np.asarray(self._sizes * inner)
 
     def step(self, wanted: Array) -> tuple[Array, Array, Array]:
-        """Return the steps of w, s and z for a change of z s, shape (N,)."""
+        """Return steps of w, s = A w + b and the duals z for a change of z s, (N,)."""
         pushed = (wanted - self._z * self._short) / self._s
         right = self._dual + self._A.T @ pushed
         dw = self._solved(right)

@@ -1,8 +1,9 @@
 """Proof of a lower bound of a function on a set, by branch and bound.
 
-The bound is found on the way: it begins with a target, and is lowered whenever a point
-of the set has a smaller value. So every search that ends has proven some bound, and the
-points found show where the polynomial must become better.
+The search chooses the bound itself: it begins with a target, and lowers the bound
+whenever the function is smaller at a point of the set. So every search that ends has
+proven some bound. The points found show where the function must become larger; it is
+made from a polynomial (subsolution.py).
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from swarmstart.ocp.lower_bound.hamiltonian import Bounds
 Mask = NDArray[np.bool_]
 CHUNK = 8192  # Boxes evaluated at a time.
 BEYOND = 1.05
-"""Factor by which the slack is set above that of a point that was met."""
+"""Factor by which the slack is set above what the lowest point found needs."""
 FEW = 40_000
 """Number of boxes still searched for points when the bound is useless already."""
 
@@ -50,8 +51,9 @@ class Limits:
     """Limits at which a search ends.
 
     Attributes:
-        until: Reading of the clock of work at which the search ends.
-        useless: Slack at which the outcome would be useless.
+        until: Value of `machine_code.now()`, which counts work, at which the search
+            ends.
+        useless: Slack from which the outcome would be useless.
         max_boxes: Largest number of boxes.
     """
 

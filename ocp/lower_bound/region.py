@@ -1,7 +1,8 @@
 """The set S of answer.py, which holds every trajectory that may be optimal.
 
-Tube, bounds of the states and path constraints hold all admissible trajectories; the
-prunings keep those that cost less than the known cost.
+All admissible trajectories are in the tube (tubes/tube.py) and keep the bounds of the
+states and the path constraints. The prunings exclude only points through which no
+trajectory costs less than the known cost.
 """
 
 from __future__ import annotations

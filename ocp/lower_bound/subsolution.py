@@ -1,12 +1,14 @@
 """The polynomial of a step: a linear program over points, and proofs that add points.
 
-Each round solves for the coefficients, then looks for points at which the inequality
-fails: by samples as long as these find many, after that by the proof. It adds a row for
-each such point, with the worst control there. The slack of a proof is subtracted from
-the bound, so that every finished proof gives a bound.
+Each round computes the coefficients by a linear program, then looks for points at which
+the inequality of the step (hamiltonian.py) fails: by samples as long as these find
+many, after that by a proof. For each such point the round adds a row to the linear
+program, with the worst control there. The slack of a proof is subtracted from the
+bound, so that every finished proof gives a bound.
 
-A linear program covers the whole set at once. Old rows are kept: otherwise clusters of
-new ones would displace binding ones, and the value would oscillate.
+A linear program covers the whole set at once. Rows of earlier rounds are kept:
+otherwise clusters of new rows would displace binding ones, and the value would
+oscillate.
 """
 
 from __future__ import annotations
@@ -42,7 +44,7 @@ WORST = 400
 RADII = (0.05, 0.015, 0.005, 0.0015)
 TRIES = 6
 LITTLE = 0.05
-"""Weight of a point that a pruning cuts off already."""
+"""Weight of a point that a pruning excludes already."""
 MOST_BOXES = 3_000_000
 MOST_END_BOXES = 100_000
 PROOF_TIME = 0.2
@@ -78,9 +80,9 @@ class Round:
 
     Attributes:
         step: The proven step; None if a proof was not tried or did not end.
-        value: Value of the linear program: the bound of the step without slack.
-        share: Fraction of the set that a pruning step cuts off.
-        cuts: All points so far.
+        value: Value of the linear program: the bound of the step if its slacks were 0.
+        share: Fraction of the set that a pruning step excludes.
+        cuts: All points so far whose inequalities are rows.
         converged: Whether no better step of this degree can be expected.
     """
 
@@ -99,12 +101,14 @@ class Search:
         setting: The problem.
         region: The set.
         forms: Inequalities of the degree.
-        aim: Kind of the objective: "start" for a bound, "come" or "go" for a pruning.
+        aim: Kind of the objective: "start" for a bound; "come" or "go" for the step of
+            that name in a `Pruning`.
         hoped: Target of the slack [cost / s].
         rng: Source of randomness of the samples.
-        until: Reading of the clock of work at which the search ends.
+        until: Value of `machine_code.now()`, which counts work, at which the search
+            ends.
         needed: For a pruning step: function points (1 + n, N) -> value of the objective
-            above which a point is cut off.
+            above which a point is excluded from the set.
     """
 
     setting: Setting
@@ -141,14 +145,14 @@ class Search:
         return np.asarray(self._weights @ self._aims / self._weights.sum())
 
     def _weigh(self, w: Array) -> None:
-        """Reduce the weight of points that are cut off already."""
+        """Reduce the weight in the objective of points that are excluded already."""
         if self.aim != "start":
             value = self._aims @ w
             wanted = np.where(value > self._enough, LITTLE, 1.0)
             self._weights = (self._weights + wanted) / 2
 
     def _share(self, w: Array, loss: float) -> float:
-        """Return the fraction of the points that a step cuts off."""
+        """Return the fraction of the points that a step excludes."""
         return float((self._aims @ w - loss > self._enough).mean())
 
     @property
@@ -233,7 +237,7 @@ class Search:
                 return
 
     def _failing(self, w: Array) -> _Failing:
-        """Return samples at which a polynomial fails most."""
+        """Return samples at which a polynomial violates the inequality most."""
         points = self.region.sampled(self.rng, SAMPLES)
         h, u = self._h(w, points)
         near = self._descended(w, points[:, np.argsort(h)[: WORST // 2]])
@@ -285,8 +289,8 @@ class Search:
         """Prove both inequalities of a polynomial.
 
         Returns:
-            The step, if both proofs ended; points and ends at which it fails; whether
-            there are no such points.
+            The step, if both proofs ended; points and ends at which the polynomial
+            violates the inequalities; whether there are no such points.
         """
         polynomial = self.forms.basis.polynomial(self.box, w)
         parameters = packed(polynomial)
@@ -353,7 +357,7 @@ class Search:
         )
 
     def _soon(self) -> float:
-        """Return the reading at which a proof must end, to leave work for others."""
+        """Return the value of `now()` at which a proof ends, to leave work for more."""
         at = now()
         return at + max(1.0, PROOF_TIME * (self.until - at))
 
@@ -374,7 +378,7 @@ class Search:
 
 @dataclass(frozen=True, eq=False)
 class _Failing:
-    """Points, ends, and the least h of the samples."""
+    """Points and ends at which inequalities fail, and the least h of the samples."""
 
     points: Array
     ends: Array
@@ -387,7 +391,7 @@ def loss_of(step: Step, latest: float) -> float:
 
 
 class _Rows:
-    """The rows of the linear program, one for each cut."""
+    """The rows of the linear program, one for each point and end of its `cuts`."""
 
     def __init__(self, search: Search, cuts: Cuts) -> None:
         self._search = search
@@ -402,7 +406,7 @@ class _Rows:
         self.add(cuts.points, cuts.ends)
 
     def add(self, points: Array, ends: Array) -> None:
-        """Add cuts, except at points at which the problem is not finite."""
+        """Add rows for points and ends, except where the problem is not finite."""
         search = self._search
         basis, box, stage = search.forms.basis, search.box, search.setting.stage
         n = search.setting.statement.n

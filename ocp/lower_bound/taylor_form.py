@@ -1,12 +1,14 @@
 """Taylor forms of functions over boxes, in intervals rounded outwards.
 
-About the middle m of a box, d = y - m, |d_i| <= r_i,
+For a function q on a box with the middle m and the half widths r, with d = y - m,
 
     q(y) = q(m) + g'd + d'Hd / 2 + R,
     |R| <= sum over i <= j <= k of (number of orders of ijk) |q_ijk| r_i r_j r_k / 6
 
-with g and H in intervals at m, and third derivatives over the whole box. Coefficients
-of a polynomial in q are inputs, so that the derivatives are formed once.
+The gradient g and the Hessian H are intervals that hold their values at m; the bound of
+the remainder R takes the third derivatives q_ijk over the whole box. If q contains a
+polynomial, its coefficients are inputs, so that derivatives are formed once for all
+polynomials.
 
 Source: Neumaier (1990), Interval Methods for Systems of Equations.
 """

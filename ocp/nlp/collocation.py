@@ -3,6 +3,11 @@
     x_k, X_1, X_2, ... (all elements of all checks)   instead of an integrator's steps
     rows: D X - h f(X, z, u, p, s(t)) = 0 at each point, divided by the states' sizes
 
+x_k is the state at the start of interval k, X_i the states at the collocation points.
+An element is a part of the time between two checks, of length h, and D X is h times the
+slope there of the polynomial through the states of an element. f is the right-hand
+side; u, p and s are controls, parameters and signals.
+
 Only states with a rate are collocated; the others stay constant. Algebraic variables z
 of nonlinear equations are unknowns as well, at the start of an interval and at each
 point, with their equations g(x, z, u, p) = 0 as rows, so that the NLP needs no Newton
@@ -133,7 +138,7 @@ class Inner:
 
         Args:
             shooting: The problem's functions.
-            begin: State, controls, parameters and signals at its start.
+            begin: State, controls, parameters and signals at the interval's start.
             unknown: Inner unknowns, not scaled; empty in multiple shooting.
         """
         state, self._u, self._p, s = begin
@@ -216,8 +221,8 @@ class Reached(NamedTuple):
     """Result of one collocated check.
 
     Attributes:
-        state: State at its end, shape (nx, 1).
-        cost: Integral of the stage cost / unit over it.
+        state: State at the end of the check, shape (nx, 1).
+        cost: Integral of the stage cost / unit over the time of the check.
         defects: Collocation rows, which must be 0, in the units of the states.
         at: Pair (state, signals) at each collocation point.
     """

@@ -1,9 +1,11 @@
 """Initial guess of the collocation unknowns, and their distance from the evaluator.
 
 The states at the collocation points come from the problem's integrator, started at the
-beginning of a check. They are bent so that they end at the check's given end state; if
-that is far away, they lie on a straight line. Algebraic variables come from Newton's
-method, or are its start values if it fails.
+beginning of a check. A correction that grows linearly in time is added, so that they
+end at the given state at the check's end. If the integrator misses this state by more
+than its distance from the beginning, the states lie on a straight line instead.
+Algebraic variables come from Newton's method; if the method fails, they are its start
+values.
 """
 
 import casadi as ca
@@ -122,7 +124,7 @@ class InnerGuess:
         return np.asarray(nodes[:, columns])
 
     def _led(self, states: Array, begin: Array, end: Array, *, bends: bool) -> Array:
-        """Return states at the points of a check, bent to lead to its end.
+        """Return states at the points of a check, corrected to reach a given end.
 
         Args:
             states: States from the integrator, shape (points, nx, N).

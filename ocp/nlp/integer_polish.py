@@ -1,8 +1,9 @@
 """Polish of a problem with whole-number controls: relax, round, descend, polish.
 
-    relaxed   the NLP solver on the problem without the requirement, from the starts
-    rounded   the relaxed answer by sum-up rounding, and the starts themselves, each
-              improved by single steps of the whole numbers
+    relaxed   the NLP solver, from the starts, on the problem in which the controls need
+              not be whole numbers
+    rounded   the relaxed answer by sum-up rounding, and the starts themselves; each is
+              improved by changing one whole number at a time
     held      the NLP solver on the other decisions, with the whole numbers fixed
 
 The best answer by (violation, cost) is kept. The relaxed cost is a lower bound if the
@@ -149,7 +150,7 @@ class IntegerPolisher:
         return replace(best, evaluations=evaluations)
 
     def _stepped(self, found: Polished, known: Known) -> tuple[Array | None, int]:
-        """Return the controls after a descent by single steps, if any, and effort."""
+        """Descend by single steps; return controls, if they change, and evaluations."""
         fitness, x0 = self._fitness, found.x0
         objective = fitness.objective(x0, known)
         controls, value, moved = found.controls, (found.cost, found.violation), False

@@ -1,19 +1,21 @@
 """Multipliers of an answer: in the units of the user, and as a start of another solve.
 
-With L = cost + costate' (state that an interval leads to - state at its end) +
-multiplier' (value - limit), stationary at the answer,
+With the Lagrangian L = cost + costate' (state that an interval leads to - state at the
+interval's end) + multiplier' (value - limit), stationary at the answer,
 
-    costate     the gradient of the optimal cost to go with respect to the state there
-    multiplier  the optimal cost changes by -multiplier for each unit by which its limit
+    costate     the gradient of the optimal cost to go with respect to the state at the
+                interval's end
+    multiplier  the optimal cost changes by -multiplier for each unit by which the limit
                 is raised. For minimised costs it is at least 0 at an upper limit and at
                 most 0 at a lower one; for maximised costs the signs are reversed
 
-A limit of a path constraint has a multiplier at every check. Those of an interval are
-added up, so the sum over all intervals is the worth of the limit as a whole.
+A limit of a path constraint has a multiplier at every check. The multipliers of an
+interval are added up, so the sum over all intervals says how much the optimal cost
+changes if the limit is raised everywhere.
 
 An NLP (transcription.py) divides its rows, variables and cost by sizes that depend on
-the initial state and the guess. Without these sizes, the multipliers are those of the
-rewritten problem (core), from which another solve can start:
+the initial state and the guess. From the multipliers lam_g of its rows and lam_x of its
+bounds follow those of the rewritten problem (core), from which another solve can start:
 
     of a row    lam_g * (size of the cost) / (size of the row)
     of a bound  lam_x * (size of the cost) / (size of the variable)
@@ -69,7 +71,7 @@ class Multipliers:
     decided: Mapping[str, float]
 
     def __repr__(self) -> str:
-        """Return each constraint with the worth of its limit, in a few lines."""
+        """Return each constraint with the sums of its multipliers, in a few lines."""
         lines = [
             f"Multipliers of {self.costates.shape[1]} intervals; the first costate: "
             f"{_numbers(self.costates[:, 0])}"

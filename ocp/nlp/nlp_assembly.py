@@ -1,10 +1,10 @@
 """Derivatives of an NLP, assembled from those of one interval.
 
-Interval k of a transcription (transcription.py) has the variables z = (x_k, u_k) and
-the rows g_k = (x after, collocation rows, constraint rows) - (x_k+1, 0, 0). Its
-gradient, Jacobian and Hessian are evaluated by one function for all intervals
-(interval_kernels.py), and their values are put in their places. So the build time does
-not grow with the number of intervals.
+Interval k of a transcription (transcription.py) has the variables z = (x_k, u_k),
+state and controls, and the rows g_k = (x after, collocation rows, constraint rows) -
+(x_k+1, 0, 0). One function evaluates gradient, Jacobian and Hessian of all intervals
+(interval_kernels.py), and the values are put in their places in the NLP. So the build
+time does not grow with the number of intervals.
 """
 
 from collections.abc import Callable, Sequence

@@ -2,10 +2,11 @@
 
 Fixed steps. The derivatives of an NLP solver need the same steps for all values of its
 variables. If the rollouts use step size control, the number of steps in an interval is
-chosen at a guess: from its state at each check, equal steps are compared with steps ten
-times as accurate as the rollout's (rodas.py). The first step after a jump of the
-controls is divided into parts, each four times as long as the one before, so that a
-short transient needs few steps. There is one set of solvers for each number of steps.
+chosen from a guess: from the state of the guess at each check, equal steps are compared
+with steps ten times as accurate as the rollout's (rodas.py). The first step after a
+jump of the controls is divided into parts, each four times as long as the one before,
+so that a short transient needs few steps. There is one set of solvers for each number
+of steps.
 
 Deferred correction. An answer of the NLP keeps its limits on the collocated path, but
 an evaluator with another integrator may disagree. Let x_k, u_k be the answer, and c_k
@@ -84,8 +85,10 @@ class Solvers(NamedTuple):
 
     Attributes:
         program: The NLP.
-        far: Whether iterates are observed -> the solver for starts far from an answer.
-        near: Whether iterates are observed -> the solver for starts near an answer.
+        far: Function (whether iterates are observed) -> the solver for starts far from
+            an answer.
+        near: Function (whether iterates are observed) -> the solver for starts near an
+            answer.
         warm: Returns the solver that starts from multipliers, always observed, since
             its solve may have to be stopped.
         iterates: Receives the iterates of observed solvers.

@@ -2,9 +2,10 @@
 
     min f(x, p)   subject to   lower_g <= g(x, p) <= upper_g
 
-Each source gives its functions and its numbers, tells where a variable or a row was
-made, and runs its own solver. Bounds of a dictionary's variables are read as rows of g
-after its own rows.
+f is the cost, g are the rows, x the variables, and p the parameters. Each source gives
+these functions and their numbers, states where a variable or a row was made, and runs
+its own solver. Bounds of a dictionary's variables are read as further rows of g, after
+the rows of the dictionary.
 """
 
 import time

@@ -1,24 +1,27 @@
 """Test for a local minimum at a point of the NLP: first and second order.
 
-First order, with the multipliers of a solver (in CasADi's sign convention: positive at
-an upper limit):
+First order, with the cost f, the Jacobian J of the rows, and the multipliers of a
+solver, lam_g of rows and lam_x of bounds (in CasADi's sign convention: positive at an
+upper limit):
 
-    |grad f + J' lam_g + lam_x| small,  |lam| times the distance to its limit small
+    |grad f + J' lam_g + lam_x| small,  |lam| times the distance to the limit small
 
 Second order: the Hessian of the Lagrangian must be positive on the directions that keep
 the dynamics and the active constraints. The dynamics are eliminated by the Riccati
-recursion of the linearised problem, backward from the end, interval by interval, with z
-= (x, u). The excesses of soft constraints count as controls; collocation unknowns
-follow from z,
+recursion of the linearised problem, backward from the end, interval by interval. Let
+z = (x, u) be state and controls of interval k, H_k the Hessian of the Lagrangian by z,
+and [A B] the derivatives of the state after the interval by z. The excesses of soft
+constraints count as controls; collocation unknowns follow from z.
 
     M_k = H_k + [A B]' P_k+1 [A B] + rho C'C,    M_uu > 0 in every interval
     P_k = M_xx - M_xu M_uu^-1 M_ux
 
-over the controls that are not held at a bound. C are the active constraint rows, each
-scaled to length one, and rho is large. All M_uu positive is sufficient for a minimum:
-with finite rho the form can only be smaller than on the constraints' tangent space. A
-constraint is not counted as active if its multiplier is smaller than the distance to
-its limit.
+over the controls that are not held at a bound. P_k is the matrix of the second-order
+cost to go from x_k. C has the gradients of the active constraints as rows, each scaled
+to length one, and rho is large. All M_uu positive is sufficient for a minimum: with
+finite rho the least value of the quadratic form can only be smaller than on the
+constraints' tangent space. A constraint does not count as active if its multiplier is
+smaller than the distance to its limit.
 
 Source: Nocedal and Wright (2006), Numerical Optimization, theorem 12.6; Debreu (1952),
 Definite and semidefinite quadratic forms; Dunn and Bertsekas (1989), Efficient dynamic
@@ -49,7 +52,7 @@ STATIONARY_WITHIN = 1e-5
 _FLAT = 1e-7
 """Curvature whose sign is uncertain, relative to the Hessian's largest entry."""
 _ACTIVE = 1e-5
-"""Distance from a limit, in the NLP's numbers, at which a lane's answer is at it."""
+"""Distance from a limit, in the NLP's numbers, up to which an answer is at it."""
 _RELEASES = 10
 """Number of times that limits whose multipliers have the wrong sign are let go."""
 _DEPENDENT = 1e-11

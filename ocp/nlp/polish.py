@@ -6,10 +6,10 @@ if it is better by (violation, cost) on the same evaluator. An answer is called 
 optimum only if the project's own test (optimality.py) finds it stationary, independent
 of the solver's report.
 
-A good start is feasible to 1e-3 and comes from a search or an earlier answer. From it
-IPOPT starts with a small barrier and small pushes; with its defaults it would first
-move away from the start, and might not return. If this does not converge, the defaults
-are tried once.
+A good start is feasible to 1e-3 and comes from a search or an earlier answer. From a
+good start IPOPT begins with a small barrier and small pushes away from the bounds; with
+its defaults it would first move away from the start, and might not return. If IPOPT
+does not converge from there, its defaults are tried once.
 
 Collocation (collocation.py) does not integrate the dynamics as the evaluator does. If
 the evaluator finds another cost or a broken limit, the NLP is solved again with its
@@ -17,8 +17,8 @@ equations of motion shifted to the evaluator's states (nlp_solvers.py), until NL
 evaluator agree.
 
 A search's best point need not lie in the basin of the best local optimum. The search's
-archive (`heuristics/running/archive.py`) keeps the best points that are apart in the
-box, and each of them is a guess for the NLP solver.
+archive (`heuristics/running/archive.py`) keeps the best points that are far from each
+other, and each of them is a guess for the NLP solver.
 """
 
 import math
@@ -89,9 +89,9 @@ GOOD_START = 1e-3
 _STEPS_OF_ERROR = 10
 """Number of allowed step errors by which costs may differ."""
 _NO_COST = 1e-9
-"""Difference of costs, relative to the cost's size, below what a solver resolves."""
+"""Difference of costs, relative to the cost's size, that no solver resolves."""
 _WILD = 1e4
-"""Way of a state in a roll-out, relative to its size, that is no start for an NLP."""
+"""Way of a state, relative to its size, above which a roll-out is no NLP's start."""
 _REMEMBERED = 15
 """Number of polishes in a closed loop whose iterations are remembered."""
 _ITERATIONS, _FACTORS = 20, 4000
@@ -570,7 +570,7 @@ class Polisher(Called):
     ) -> tuple[Array | None, tuple[float, float]]:
         """Return an answer's states between intervals, and its value by intervals.
 
-        None and its value by the roll-out, unless no roll-out can confirm it.
+        If a roll-out can confirm the answer: None, and its value by the roll-out.
         """
         shooting, sizes = self._fitness.shooting, answer.sizes.states
         if shooting.problem.model.jumps:
@@ -583,7 +583,7 @@ class Polisher(Called):
         return ends, (cost, violation)
 
     def _judged(self, answer: "_Answer") -> PolishStatus:
-        """Return the status of an answer; of others than IPOPT, from its point."""
+        """Return the status of an answer; from its point if the solver is not IPOPT."""
         if self._options.plugin == "ipopt":
             return IPOPT_STATUS.get(
                 str(answer.stats["return_status"]), PolishStatus.NUMERICAL_FAILURE
@@ -804,9 +804,9 @@ def _agree(
 ) -> bool:
     """Return whether two (cost, violation) are feasible and of the same cost.
 
-    Costs of nothing, beside the natural size of the cost, are the same. With step size
-    control, costs count as equal if they differ by less than the tolerance can resolve,
-    since an NLP takes fixed steps.
+    Costs that are negligible compared with the natural size of the cost count as equal.
+    With step size control, costs count as equal if they differ by less than the
+    tolerance can resolve, since an NLP takes fixed steps.
     """
     feasible, same = max(one[1], other[1]) <= problem.tolerance, SAME_COST
     if problem.is_adaptive:

@@ -1,7 +1,7 @@
 """Options of the NLP solvers for the polish.
 
-From a good start IPOPT begins with a small barrier and small pushes. With its defaults
-it would first move away from the start, and might not return.
+From a good start IPOPT begins with a small barrier and small pushes away from the
+bounds. With its defaults it would first move away from the start, and might not return.
 """
 
 import os

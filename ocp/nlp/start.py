@@ -1,8 +1,8 @@
 """Start of a polish: controls, states, and multipliers carried from another answer.
 
 Multipliers are transferred to an NLP on another grid or time window. The time of the
-answer's horizon is scaled to [0, 1]. The new horizon is a window of it: usually [0, 1],
-or [1/N, 1 + 1/N] one interval later. Then
+answer's horizon is scaled to [0, 1]. The new horizon is a window of this time: usually
+[0, 1], or [1/N, 1 + 1/N] one of N intervals later. Then
 
     costates     are interpolated: they are the gradient of the cost to go, on any grid
     path rows    are densities: the multipliers of an interval and its checks are spread
@@ -267,7 +267,7 @@ class Carried:
 
 
 def _edges(at: Sequence[float], intervals: int) -> Array:
-    """Return the edges of the cells around places within intervals, in intervals."""
+    """Return the edges of time cells around places in each interval, in intervals."""
     within = np.append(0.0, (np.array(at[1:]) + np.array(at[:-1])) / 2)
     return np.append((np.arange(intervals)[:, None] + within).ravel(), intervals)
 

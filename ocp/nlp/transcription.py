@@ -7,14 +7,15 @@
     g = (defects and rows of interval 0, of interval 1, ..., terminal rows, rows of x_0,
          differences of controls that must be equal)
     q = (x0, shared, weights of an interval's, the end's and the start's rows, ca.vec of
-    signals)
+    signals), with `shared` the parameters and sizes that all parts of the NLP use
 
-The states after each interval are variables, tied by continuity (defects = 0). Path
-constraints hold, in smooth form, at every check; rows that depend on a control also
-hold at the start of each interval. Terminal constraints hold at the end. A range or an
-equality is one row with two limits.
+x_k and u_k are state and controls of interval k. The states after each interval are
+variables; they are tied by continuity (defects = 0), which means that each is the state
+that the interval before leads to. Path constraints hold, in smooth form, at every
+check; rows that depend on a control also hold at the start of each interval. Terminal
+constraints hold at the end. A range or an equality is one row with two limits.
 
-The sizes (scaling.py) are arguments; that of the cost is in the cost's unit
+The sizes (scaling.py) are arguments; the size of the cost is in the cost's unit
 (`Shooting.costs`). So a solver is built once and sees numbers near one for all units
 and initial states. The derivatives are those of one interval, mapped and put in their
 places (nlp_assembly.py), so the build time does not grow with N.
@@ -65,7 +66,8 @@ speeds up the iterations over short horizons; longer ones would take too long to
 build."""
 _MOST_SHARED = 50_000
 """Largest number of operations of second derivatives that are derived from values as
-they are written; longer ones are derived from values whose common parts are shared."""
+they are written. For longer ones, common subexpressions of the values are merged before
+the values are differentiated."""
 _AS_FAST = 30_000
 """The same if longer ones are evaluated by machine code."""
 

@@ -13,9 +13,10 @@ of one interval, end and start (nlp_assembly.py):
     evaluations = rollouts + (gradients * instructions of slope and Jacobian
                   + hessians * instructions of the Hessian) / instructions of a rollout
 
-Both ratios are fixed for a problem, so that equal work is the same number on a fast and
-on a slow machine. CasADi reports the counts only at the end of a solve. While it runs,
-an iteration counts as one of each; trial steps of a line search are added at the end.
+Both ratios of instructions are fixed for a problem, so that equal work is the same
+number on a fast and on a slow machine. CasADi reports the counts only at the end of a
+solve. While it runs, an iteration counts as one of each; trial steps of a line search
+are added at the end.
 """
 
 import math

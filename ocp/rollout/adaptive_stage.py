@@ -1,11 +1,12 @@
 """A control interval integrated with step size control.
 
-    begin   z from the state at the start
-    ticks   z -> z, from one check to the next (rodas.py), for each check
+    begin   z from the state at the start: state, integrals and step size as one column
+    ticks   z -> z by trial steps, from one check to the next, for each check
     close   cost and violation of the interval, from the states at its checks
 
-The arguments are those of an interval (shooting.py): x, u, p, S. The last entries of p
-are the natural sizes of the integrated quantities.
+integration/rodas.py explains z and a trial step (tick). The arguments are those of an
+interval (shooting.py): state x, controls u, parameters p, signals S at the interval's
+nodes. The last entries of p are the natural sizes of the integrated quantities.
 """
 
 from collections.abc import Callable
@@ -30,7 +31,7 @@ Rates = Callable[[ca.SX, ca.SX, tuple[ca.SX, ca.SX]], Rate]
 def tick_of(
     problem: OptimalControlProblem, rates: Rates, *, tolerance: float
 ) -> ca.Function:
-    """Return the tick (z, u, p, s) -> z; s are the signals at both ends of a check.
+    """Return a trial step (z, u, p, s) -> z; s: the signals at both ends of a check.
 
     Args:
         problem: The problem.
@@ -59,7 +60,7 @@ def adaptive_stage(
 
     Args:
         problem: The problem.
-        tick: The tick, as `tick_of` returns it.
+        tick: The trial step, as `tick_of` returns it.
         close: Function (x, u, p, S, states at the checks, integrals) -> the outputs of
             the stage.
     """

@@ -1,7 +1,7 @@
 """Measurement of broken constraints: at the start, along a path, at the end.
 
-An excess is measured in the units of the user and relative to the row's scale. It has
-the number of its constraint, and its time.
+An excess over a limit is measured in the units of the user, and relative to the scale
+of its row. It is stated with the number of its constraint, and with its time.
 """
 
 from collections.abc import Callable

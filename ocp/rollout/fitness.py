@@ -2,7 +2,7 @@
 
 A decision vector is ca.vec of the controls (nu, N), interval after interval, followed
 by the decisions about the start: one number for each of `problem.free_starts`. For a
-single control sequence, the initial state holds these numbers.
+single control sequence, these numbers are entries of the initial state.
 """
 
 from __future__ import annotations
@@ -150,9 +150,9 @@ NOTHING = Known()
 KNOWN = of_kind(Known, "a Known")
 
 LEAST_COST, MOST_COST = 1e-4, 1e3
-"""Range around the cost's natural size; a trajectory's cost within it is its size."""
+"""Range of the size of a cost along a trajectory, relative to its natural size."""
 LEAST_STATE = 1e-8
-"""The same range for the natural size of a state of a stiff problem."""
+"""Least size of a state of a stiff problem, relative to its natural size."""
 
 
 @checked(
@@ -369,7 +369,7 @@ _SINGLE = 1e-3
 
 
 def _ticking(shooting: Shooting, precision: Precision) -> Ticking | None:
-    """Return the ticks of an interval; None if its function contains the steps."""
+    """Return the adaptive steps of an interval; None if its function has its steps."""
     problem = shooting.problem
     if not problem.is_adaptive:
         return None

@@ -2,17 +2,17 @@
 
 The optimality conditions of an NLP solver hold for smooth functions. This module finds
 the operations that are not smooth (fabs, fmin, fmax, floor, ceil, sign, comparisons,
-if_else). Each gets a number, its side, which is zero at the switch. A comparison across
-which the result stays smooth, as between the pieces of a cubic spline, does not count.
+if_else). For each operation it forms an expression, the side, which is zero where the
+operation switches. A comparison across which the result stays smooth, as between the
+pieces of a cubic spline, does not count.
 
 Smooth versions of such problems bring an NLP solver near the optimum:
 
     |a|  ->  sqrt(a^2 + (delta s)^2),   fmin, fmax(a, b)  ->  (a + b -+ |a - b|) / 2
 
-with s the size of a around the start, and a falling delta. At an active kink, such as
-|u| at a zero control, an NLP solver stops at a random place. If delta is reduced step
-by step, the solver ends within about delta of the optimum. Jumps (floor, sign, if_else)
-are not changed.
+with s the size of a around the start. At an active kink, such as |u| at a zero control,
+an NLP solver may stop anywhere. If it solves with smaller and smaller delta, it ends
+within about delta of the optimum. Jumps (floor, sign, if_else) are not changed.
 
 Source: Charbonnier, Blanc-Feraud, Aubert and Barlaud (1997), Deterministic edge-
 preserving regularization in computed imaging, IEEE Transactions on Image Processing 6,

@@ -2,12 +2,12 @@
 
 A problem's constraints are required at its nodes only; the path is the actual motion of
 the model. It is integrated by the classical Runge-Kutta method (by RODAS4 if the
-problem's integrator is "stiff") with ten steps for each step of the problem. Their
-lengths differ: a ripple or a pulse whose period divides the problem's steps would look
-the same to equal steps of a tenth. All constraints are evaluated at all of these
-points: at the start of each step with its control, and at the end of every interval. If
-the problem uses step size control, the steps between these points have their own
-lengths, at a tolerance ten times smaller.
+problem's integrator is "stiff") with ten steps for each step of the problem. The
+lengths of these fine steps differ: equal fine steps may miss a ripple or a pulse whose
+period divides the problem's steps, as the problem's steps do. All constraints are
+evaluated at the start of each fine step, with the control of that step, and at the end
+of every interval. If the problem uses step size control, the steps between these points
+have their own lengths, at a tolerance ten times smaller.
 """
 
 from dataclasses import dataclass
@@ -63,7 +63,8 @@ class Path:
         not_finite: (time, name of the state) of the first state that is not finite;
             None: all are finite.
         missed: By how much each interval misses the state from which the next one
-            begins, shape (nx, N), if each begins anew; None: they are one path.
+            begins, shape (nx, N), if each interval begins at a given state; None: the
+            intervals are one path.
     """
 
     times: Array
@@ -341,7 +342,7 @@ class Tracer:
         known: tuple[Array, Array, Array],
         p: Array,
     ) -> Array:
-        """Return the cost of broken soft constraints, twice.
+        """Return the cost of broken soft constraints, and its absolute value.
 
         Args:
             soft: The soft constraints.

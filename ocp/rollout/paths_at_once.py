@@ -1,10 +1,10 @@
 """Finer paths of many instances at once, in machine code; only their values are kept.
 
-The steps, points and constraints are those of path.py. A scan carries, from fine step
-to fine step, the state with the integrals of the cost, the lowest and the highest value
-of each state, and the worst excess of each path row. So nothing of a path is in memory
-but the fine steps' controls and signals. Another scan rolls out the controls on the
-problem's own grid.
+The steps, points and constraints are those of path.py. A compiled loop over the fine
+steps (a scan, compiled/scan.py) carries the state with the integrals of the cost, the
+lowest and the highest value of each state, and the worst excess of each path row. So
+nothing of a path is in memory but the fine steps' controls and signals. Another scan
+rolls out the controls on the problem's own grid.
 
 The following is left to path.py, one path after another: step size control, jumps of
 the state, kinks, soft constraints, ensembles, whole numbers, sums instead of integrals

@@ -1,7 +1,8 @@
 """Cost and violation of a path that is known at the nodes only.
 
     cost       sum over the checks of dt (L(x_k, u) + L(x_k+1, u)) / 2, or by Simpson's
-               rule, + initial, step and terminal costs
+               rule, + initial, step and terminal costs; L is the stage cost, dt the
+               time between two checks, and x_k the state at node k
     violation  path constraints and bounds of the states at every check, terminal
                constraints, bounds of the controls at every node, relative to their
                ranges

@@ -5,35 +5,37 @@ so do positions measured from here and from the middle of the Earth. T is the ho
 x0 the initial state, and f the right-hand side. The way of a state is the distance by
 which it moves, or has to move, from x0. The size of
 
-    a state       the largest of the width of its bounds, its way to its target and to
-                  the least of its own quadratic costs, and, if it has no bounds, its
-                  way along a guess. If all of these are zero: its way by the motion
-                  that is linear about x0, with the controls at their lower, middle and
-                  upper values; this motion is followed with the absolute values of the
-                  slopes, or, if its way becomes absurdly long, with their signs. If
-                  that way is zero too: T max |f_i| around x0, over the range of the
-                  sizes known so far; else the size that the rate of a known state
-                  implies, s_i / (T |df_i/dx_j|). A rate acts for 1 / |df_i/dx_i| if
-                  that is shorter than T
+    a state       the largest of: the width of its bounds; its way to its target; and,
+                  unless it has both bounds, its way to the point at which a cost that
+                  is quadratic in it is least, and its way along a guess. If all of
+                  these are zero: its way by the motion that is linear about x0, with
+                  the controls at their lower, middle and upper values; this motion is
+                  followed with the absolute values of the derivatives of f, or, if its
+                  way becomes absurdly long, with their signs. If that way is zero too:
+                  T max |f_i| around x0, over the range of the sizes known so far; else
+                  the size that the rates of other states imply, for state j the least
+                  s_i / (T |df_i/dx_j|) of the states i whose size s_i is known. A rate
+                  acts for 1 / |df_i/dx_i| if that is shorter than T
     a control     the width of its bounds, or the absolute value of a single bound;
-                  without bounds the guess, else s_i / (T |df_i/du_j|) of the known
-                  states
+                  without bounds the guess, else the least s_i / (T |df_i/du_j|) of the
+                  states i whose size s_i is known
     a row         its limit, but at least a thousandth of the size of its expression;
                   for a limit of zero, the size of the expression: its value at x0, or
                   around x0 if the value at x0 is negligible
-    the cost      T |stage cost| + |terminal cost|, the largest at those points
+    the cost      T |stage cost| + |terminal cost|, each the largest at x0 and around it
 
 An expression in which a state stands alone, as x + y^2, moves with the origin of that
 state. Its value at x0 is subtracted from its values and limits. The size of such a row
-is the range of its values around x0; or its limit, if that is smaller than the range,
-but above a hundredth of it, and x0 keeps the limit or the row is an equality.
+is the range of its values around x0. If x0 keeps the limit, or the row is an equality,
+it is the limit instead, as long as that is between a hundredth of the range and the
+range.
 
 A size that the problem gives by name (`scales`) replaces that of the state or control.
 A way or a guess counts as zero if it is negligible compared with the sizes from the
-dynamics. If the rate of a state is a multiple of one other state, the way of that other
-state also counts as zero if it is much shorter than the first one needs for its own
-way. All sizes are homogeneous: values in units larger by a power of two give sizes that
-are larger by exactly that power.
+dynamics. If the rate of state i is a constant multiple of state j alone, as that of a
+position is the speed, the way of j also counts as zero if it is much smaller than the
+value of j that moves i by the size of i within T. All sizes are homogeneous: values in
+units larger by a power of two give sizes that are larger by exactly that power.
 """
 
 from dataclasses import dataclass, field
@@ -54,14 +56,16 @@ _PARTS = (0.618, -0.382)
 _NEGLIGIBLE = 1e-6
 """Relative size below which a way or a guess is negligible."""
 _NEEDED = 0.05
-"""Part of what a state driven by it alone needs, below which a way is negligible."""
+"""Least way that is not negligible of a state that alone drives another one, relative
+to the value that moves the other one by its size."""
 _ABSURD, _SOON, _TURNS = 1e3, 3, 200
-"""Ratio from which a way by sizes of rates may be absurd beside that of its first
-orders, and is beside the linear motion with its signs; and steps of that motion."""
+"""Ratio of the way of the linear motion with absolute derivatives to that of its first
+_SOON orders, above which the motion is also followed with signs, in _TURNS steps. The
+way with signs is taken if it is shorter by the same ratio."""
 _LIMIT_SHARE = 1e-3
 """Smallest scale of a nonzero limit, relative to the size of its expression."""
 _NEAR_SHARE = 0.01
-"""Least way to a limit that is its row's size, relative to the row's range."""
+"""Least limit that is the size of its row, relative to the row's range."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -468,9 +472,10 @@ class Sizing:
     ) -> Array:
         """Return sizes of states, with negligible ones set to 0.
 
-        A way of 1e-300 counts as zero, and so does one that is far less than what the
-        way of a state needs that it alone drives: a body that turns round has another
-        speed in between than the small one with which it begins.
+        A way of 1e-300 counts as zero. If state j alone drives state i, the way of j
+        also counts as zero if it is far less than the value of j that moves i by its
+        size: the speed of a body that turns round is larger in between than the small
+        one with which it begins.
         """
         states, controls = self._filled(at, direct, known, guess)
         reach = self._reached(at, states, controls, guess)
@@ -495,7 +500,7 @@ class Sizing:
         return T / np.fmax(1.0, T * at.slopes[every, every])
 
     def _needed(self, at: "_Points", sizes: Array) -> Array:
-        """Return sizes of states and controls, one step back from known rates."""
+        """Return sizes of states and controls, new ones as known rates imply them."""
         needed = self._by_rate(at, sizes[: len(at.x0)])
         least = needed.min(axis=0, initial=np.inf)
         return np.where((sizes > 0) | ~np.isfinite(least), sizes, least)
@@ -698,7 +703,7 @@ def _target_function(problem: OptimalControlProblem) -> ca.Function:
 def _ways_function(
     problem: OptimalControlProblem, chosen: NDArray[np.intp]
 ) -> ca.Function:
-    """Return (x, u, p, s first, s last) -> ways to the least of quadratic costs.
+    """Return (x, u, p, s first, s last) -> ways to where quadratic costs are least.
 
     Shape (nx, costs), 0 where a cost is not quadratic in that state, all others being
     constant. A row that is limited at the end counts as a cost.

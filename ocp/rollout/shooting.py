@@ -7,9 +7,9 @@ initial state. All functions here take these arguments, in this order:
                 decisions about the start, one for each of problem.free_starts
     x0          initial state, shape (nx,); its decided entries are ignored
     parameters  (p, w): the model's parameters (np,), and 1 / scale of each row whose
-                scale depends on the initial state; with step size control (rodas.py)
-                also the sizes of the states and of the integrated cost / unit
-                (problem.automatic in all)
+                scale depends on the initial state; with step size control (rodas.py) w
+                also has the sizes of the states and of the integrated cost / unit; the
+                length of w is problem.automatic
     signals     ca.vec of (ns, nodes): node after node, shape (ns * nodes,)
 
 If a rollout is not finite, its violation is infinity: such values stay in the sums
@@ -48,7 +48,8 @@ from swarmstart.ocp.system.model import jump_of, rate_of
 _UNROLLED = 20_000
 """Largest number of operations for which a trajectory is one function without calls."""
 _MOST_WRITTEN_OUT = 200_000
-"""The same for a roll-out: with 400,000 it takes 7 s to look for common parts."""
+"""The same for a roll-out: with 400,000 it takes 7 s to look for common
+subexpressions."""
 Symbolic = TypeVar("Symbolic", ca.SX, ca.MX)
 Values = TypeVar("Values", ca.SX, Array)
 ARGUMENTS = ("decisions", "x0", "parameters", "signals")
@@ -62,8 +63,8 @@ class Shooting(Rebuilt):
 
     Attributes:
         stated: The problem as it is stated; all functions are of its core.
-        parts: Number of parts of the first equal stiff step after a jump of the
-            controls.
+        parts: With the stiff integrator in equal steps, the number of parts into which
+            the first step after a jump of the controls is divided.
     """
 
     stated: OptimalControlProblem
@@ -225,7 +226,7 @@ class Shooting(Rebuilt):
         """Stage for a rollout: (x, u, p, S) -> (x after, cost, violation).
 
         It returns only the last of the states. With step size control, the states that
-        the ticks reach at the checks, and the integrals, are further arguments.
+        its steps reach at the checks, and the integrals, are further arguments.
         """
         whole = _closing(self) if self.problem.is_adaptive else self.stage
         arguments = [
@@ -238,11 +239,15 @@ class Shooting(Rebuilt):
 
     @property
     def tick(self) -> ca.Function:
-        """Function (z, u, p, s) -> z after one tick; see rodas.py."""
+        """Function (z, u, p, s) -> z after one trial step of the step size control.
+
+        The step may be accepted or not; z is as in integration/rodas.py, and s are the
+        signals at both ends of a check.
+        """
         return self.tick_to(self.problem.integrator_tolerance or 0.0)
 
     def tick_to(self, tolerance: float) -> ca.Function:
-        """Return the tick for another tolerance."""
+        """Return the function `tick` for another tolerance."""
         if tolerance not in self._ticks:
             self._ticks[tolerance] = tick_of(
                 self.problem, self.rate, tolerance=tolerance
@@ -251,7 +256,7 @@ class Shooting(Rebuilt):
 
     @cached_property
     def _ticks(self) -> dict[float, ca.Function]:
-        """Ticks by their tolerances."""
+        """Functions `tick` by their tolerances."""
         return {}
 
     @cached_property
@@ -433,7 +438,7 @@ def _closing(shooting: Shooting) -> ca.Function:
 
 
 Steps = Callable[[int, ca.SX, ca.SX, ca.SX, tuple[ca.SX, ca.SX]], tuple[ca.SX, ca.SX]]
-"""(check, x, u, p, signals at its ends) -> (x after it, integrals over it)."""
+"""(check, x, u, p, signals at both ends of the check) -> (x after it, integrals)."""
 
 
 def _closed(shooting: Shooting, steps: Steps, more: list[ca.SX]) -> ca.Function:

@@ -12,10 +12,10 @@ computed states explode. The model is stiff if such a mode decays faster than it
 oscillates. If it oscillates faster, only a shorter step resolves it.
 
 The model may also be unstable. With x' = f(x, u), a small deviation d of the state
-obeys d' = A(t) d with A = df/dx. Over some time it is multiplied by a matrix whose
-largest singular value is the growth, with each state divided by its size. A roll-out of
-controls that are right up to 1e-8 says nothing about the end state after a growth of
-1e8; a roll-out of each interval alone still confirms an answer.
+obeys d' = A(t) d with A = df/dx. Over some time d is multiplied by a matrix. The
+largest singular value of this matrix, with each state divided by its size, is the
+growth. A roll-out of controls that are right up to 1e-8 says nothing about the end
+state after a growth of 1e8; a roll-out of each interval alone still confirms an answer.
 
 Source: Hairer and Wanner (1996), Solving Ordinary Differential Equations II, IV.2.
 """
@@ -39,7 +39,7 @@ from swarmstart.ocp.rollout.shooting import Shooting
 from swarmstart.ocp.statement.problem import OptimalControlProblem
 
 _MANY = 1000
-"""Number of substeps above which they are no alternative."""
+"""Number of substeps above which more substeps are not advised."""
 _OFTEN = 0.25
 """Share of points with a mode that is too fast from which it counts as the cause."""
 _MUCH = np.log(1e6)

@@ -7,11 +7,13 @@ fmax(e, 0).
 A soft constraint may be broken at a cost:
 
     cost of an interval   sum over the rows of dt (w e + q e^2)
+    dt                    length of the interval
+    w, q >= 0             prices of the row's excess and of its square
     e >= 0                the largest excess of a row over its limits, in its units: at
                           the start of the interval, at every check, and after the jump
                           at the interval's end, if there is one
 
-In a rollout and along a finer path e is computed. In the NLP it is a variable of each
+In a rollout and along a finer path e is computed. In the NLP e is a variable of each
 row and interval, so that all functions are smooth:
 
     value - e <= upper,    lower <= value + e    at each of these points

@@ -413,7 +413,10 @@ class _Tries:
 
     @property
     def is_beyond_rollouts(self) -> bool:
-        """True if the best answer is judged interval by interval."""
+        """True if the best answer is judged from the states between its intervals.
+
+        It is so judged if no roll-out over the whole horizon confirms it.
+        """
         return self.answers[self.best].ends is not None
 
     @property

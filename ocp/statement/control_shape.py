@@ -184,12 +184,15 @@ def control_labels(
 
 
 def first_of(labels: Index) -> Index:
-    """Return the index of the first control of each label, in ca.vec of the labels."""
+    """Return where each distinct label occurs first in ca.vec(labels), ascending.
+
+    Equal labels mark controls that must be equal.
+    """
     return np.sort(np.unique(labels.ravel(order="F"), return_index=True)[1])
 
 
 def variables_of(labels: Index) -> Index:
-    """Return, for each control in ca.vec, the rank of its label among the labels."""
+    """Return the rank of each control's label, by first occurrence, in ca.vec order."""
     numbers = labels.ravel(order="F")
     rank = {label: place for place, label in enumerate(numbers[first_of(labels)])}
     return np.array([rank[label] for label in numbers], dtype=np.intp)

@@ -60,7 +60,7 @@ class Risk(Expressed):
 
     @property
     def members(self) -> int:
-        """Number M of members."""
+        """Number M of members of the ensemble."""
         return int(self.weights.size)
 
     def start(self, x0: Array, nx: int) -> Array:

@@ -182,7 +182,10 @@ class Agreement:
         self._log = {row: _Proposal(row, START, START, True, {}) for row in range(n)}
 
     def exchange(self, tick: int, rng: np.random.Generator) -> Settled:
-        """Let all vehicles hear, accept, commit and withdraw; return those that did.
+        """Let all vehicles exchange messages; return who has committed or withdrawn.
+
+        Each vehicle receives messages, accepts candidates of others, and may commit to
+        its own candidate or withdraw it.
 
         Args:
             tick: Number of the present tick.

@@ -1,16 +1,23 @@
-"""The statements on V(e) = e'Pe, checked by formulas or stated for a search of boxes.
+"""The statements on V(e) = e'Pe.
+
+Some are checked here by formulas; the others become tasks of a branch and bound over
+boxes. R(e) is the rate of e (continuous input), or e after a hold (held input), and
+R_t(e) is e after the time t of a hold, see `motion.py`; Q_m is the matrix of the margin
+by which V must decrease.
 
   matrices         P is symmetric and positive definite, Q_m semidefinite
   bounds           on e'Pe <= alpha the largest |K_i e| is sqrt(alpha K_i P^-1 K_i'),
-                   the largest |e_j| is sqrt(alpha (P^-1)_jj). Between samples both
-                   grow at most by the factor sqrt(growth) + c
+                   the largest |e_j| is sqrt(alpha (P^-1)_jj). Between samples V grows
+                   at most by the factor growth, so |e_j| at most by sqrt(growth) + b
+                   (b: see below); a held input does not change
   continuous       c(e) = 2 e'P R(e) + e'Q_m e + 2 a V(e)
-  held             c(e) = V(R(e)) - V(e) + e'Q_m e + (2 c + c^2) V(e)
+  held             c(e) = V(R(e)) - V(e) + e'Q_m e + (2 b + b^2) V(e)
   between samples  c(e) = V(R_t(e)) - growth V(e), for every t in [0, dt]
 The last three must be negative for every e != 0 with V(e) <= alpha. a is the drift of
-the reference relative to the core (`motion.py`); c is the relative error of the
-Runge-Kutta map, plus a: |motion - map|_P <= c |e|_P adds at most (2 c + c^2) V(e) if V
-does not grow under the map.
+the reference, relative to sqrt(core); V <= core is a small set in which the decrease is
+not claimed (`motion.py`). b is the sum of a and the relative error of the Runge-Kutta
+map: |motion - map|_P <= b |e|_P adds at most (2 b + b^2) V(e) if V does not grow under
+the map.
 """
 
 from __future__ import annotations
@@ -72,7 +79,7 @@ def change_of(
 
 
 def margin_of_map(certificate: Certificate) -> Fraction:
-    """2 c + c^2 for the relative error c of the Runge-Kutta map and of the drift."""
+    """2 b + b^2, b the sum of the Runge-Kutta map's relative error and the drift."""
     error = relative_error(certificate)
     return 2 * error + error * error
 

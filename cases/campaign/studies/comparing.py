@@ -97,7 +97,7 @@ def contest_of(
     budget: Mapping[str, float | int],
     allow: Allow,
 ) -> Contest:
-    """Return a scenario with its cells, everything checked.
+    """Check a scenario's settings; return it with the runs (cells) of each solver.
 
     Args:
         chosen: The scenario.

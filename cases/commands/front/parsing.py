@@ -99,7 +99,7 @@ def _as_run(word: str) -> str:
 
 
 def subcommands_of(top: argparse.ArgumentParser) -> dict[str, argparse.ArgumentParser]:
-    """Return the parsers of the commands of a parser by name, in its order."""
+    """Return, by name, the parsers of a parser's subcommands, in their given order."""
     for action in top._actions:
         # argparse has no public way to the parsers of subcommands.
         if isinstance(action, argparse._SubParsersAction):

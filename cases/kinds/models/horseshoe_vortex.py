@@ -229,7 +229,11 @@ def sidewash(aircraft: Aircraft, y_ft: Scalar, z_ft: Scalar) -> Scalar:
 
 
 def increments(aircraft: Aircraft, y_ft: Scalar, z_ft: Scalar) -> Increments[Scalar]:
-    """Return dC_L = a W/V, dC_D = -C_L W/V and dC_Y = k_Y S/V.
+    """Return what the wake adds to the coefficients of the wingman's air forces.
+
+    dC_L = a W/V, dC_D = -C_L W/V, dC_Y = k_Y S/V, with the upwash W/V, the sidewash
+    S/V, the slopes a of the lift and k_Y of the side force, and the lift coefficient
+    C_L.
 
     Args:
         aircraft: Geometry and flight condition of leader and wingman.

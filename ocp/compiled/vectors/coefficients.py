@@ -15,7 +15,8 @@ from swarmstart.ocp.compiled.vectors.vector_ir import DOUBLE, Format
 class Table:
     """Coefficients, highest power first, and limits for one format.
 
-    "f in z" stands for the coefficients of a polynomial in z that approximates f.
+    "g in z" stands for the coefficients of a polynomial in z that approximates g. r is
+    the argument of a function after its range was reduced.
 
     Attributes:
         pi_2: pi / 2 as a sum of parts, each of which has the next bits, rounded down:
@@ -27,7 +28,7 @@ class Table:
         exp: exp r in r.
         exp_range: Two limits of x: below the first exp x is 0, above the second
             infinite.
-        log: The series of log after its first terms, in z = (f / (2 + f))^2.
+        log: The series of log(1 + f) after its first terms, in z = (f / (2 + f))^2.
         root_half: The bits of sqrt(1/2).
         tanh: Numerator and denominator of (tanh x / x - 1) / x^2 in x^2.
         atan: Numerator and denominator of (atan x / x - 1) / x^2 in x^2, and the

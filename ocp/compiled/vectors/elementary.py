@@ -21,8 +21,8 @@ measures it:
 Some arguments are out of range of these methods: angles above 2^30 (2^12 in single
 precision), powers whose base is not positive and normal or whose result is out of range
 (a positive power of 0 is computed here), and quotients in fmod above 2^51 (2^22). If a
-block of individuals has such an argument, the C library is called for the block, lane
-by lane. All functions that are not listed above are called in the C library.
+block of individuals has such an argument, the C library is called for each individual
+of the block. All functions that are not listed above are called in the C library.
 
 Source: W. Cody and W. Waite, Software manual for the elementary functions (1980), range
 reduction; coefficients in coefficients.py. The rest is in exponentials.py.

@@ -1,11 +1,12 @@
 """Powers, hyperbolic and related functions on vectors, by exponentials and logarithms.
 
-A power base^exponent is exp(exponent log base). Its logarithm is a sum of two doubles,
-accurate to 2^-64, so that the power is accurate to 2 ulp for any exponent. If the base
-is not positive and normal, or the result is out of range, the C library computes it,
-lane by lane; see elementary.py. A positive power of 0 is 0; many states start at 0.
-Single precision is computed in double. The coefficients of that logarithm interpolate
-at the nodes of Chebyshev polynomials (computed with mpmath).
+A power base^exponent is exp(exponent log base). The logarithm of the base is a sum of
+two doubles, accurate to 2^-64, so that the power is accurate to 2 units in the last
+place for any exponent. If the base is not positive and normal, or the result is out of
+range, the C library computes the power, one individual after another; see
+elementary.py. A positive power of 0 is 0, without the C library, since many states
+start at 0. Powers in single precision are computed in double. The coefficients of the
+logarithm interpolate at the nodes of Chebyshev polynomials (computed with mpmath).
 
 Source: W. Kahan, Branch cuts for complex elementary functions (1987), log(1 + x) and
 the inverse hyperbolic functions; other coefficients in coefficients.py.

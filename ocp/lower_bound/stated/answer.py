@@ -2,10 +2,11 @@
 
 The evidence consists of the facts that a proven bound rests on: polynomials, sets,
 slacks of the proofs. All coordinates are those of a `Statement`: y = (t, x), each state
-divided by its size.
+divided by its size. f, L and phi are the right-hand side, stage cost and terminal cost
+of this statement, x0 its initial state, u the controls, and T the time of the end.
 
-A step is a polynomial V for which it was proven, on the set S that the steps before it
-leave, that
+A step is a polynomial V(t, x) for which it was proven, on the set S that the steps
+before it leave, that
 
     V_t + L + V_x f >= -slack        for all (t, x) in S and all admissible u
     V(T, x) <= phi(T, x) + end_slack for all admissible ends (T, x) in S
@@ -20,9 +21,10 @@ trajectory through (t, x) costs at least
 
     C(0, x0) - C(t, x) + G(t, x) - (slack of C) t - (slack of G)(T - t) - end_slack of G
 
-If this number exceeds the known cost, no cheaper trajectory passes through (t, x). So
-the bound is min(known, V(0, x0) - slack T - end_slack) of the last step. The bound is
-valid for any number `known`, even if it is not the cost of an answer.
+If this number exceeds a number `known`, usually the cost of an answer, no trajectory
+through (t, x) costs less than `known`. So with V and the slacks of the last step the
+bound is min(known, V(0, x0) - slack T - end_slack). It is valid for any `known`, even
+if no answer has this cost.
 """
 
 from __future__ import annotations
@@ -153,8 +155,10 @@ class Polynomial:
         V(y) = sum of coefficients[j] * product over a of T_exponents[j, a](z_a),
         z_a = (y_a - middle_a) / half_a
 
+    with y = (t, x), and T_e the Chebyshev polynomial of degree e.
+
     Attributes:
-        middle: Middle of the box it is scaled to, shape (1 + n,).
+        middle: Middle of the box that V is scaled to, shape (1 + n,).
         half: Half the widths of that box, shape (1 + n,), > 0.
         exponents: Degrees of the factors of each product, shape (number, 1 + n), whole
             numbers >= 0.
@@ -204,9 +208,10 @@ class Tube:
 
         { x : directions x <= levels(t) },  levels linear between the times
 
-    The proof: x0 is in it, and on each face, at each time, the level rises at least as
-    fast as any admissible trajectory can move outwards. Faces that the bounds of the
-    states cut off need not rise, since admissible trajectories keep these bounds.
+    The proof: x0 is in the polytope at time 0, and at each time the level of each face
+    rises at least as fast as any admissible trajectory on it can move outwards. The
+    levels of faces outside the bounds of the states need not rise, since admissible
+    trajectories keep these bounds.
 
     Attributes:
         directions: Outward directions of the faces, shape (K, n); the first 2n are the

@@ -97,7 +97,8 @@ class Affine:
 
         f = drift + sum of columns[k] u_k,    L = stage + sum of (c_k u_k + q_k u_k^2)
 
-    with numbers c_k and q_k >= 0: the least u is known in closed form.
+    with numbers c_k and q_k >= 0: the u that minimises L + V_x f is known in closed
+    form, for any polynomial V.
 
     Attributes:
         drift: Rate without controls, shape (n, 1), of (t, x).

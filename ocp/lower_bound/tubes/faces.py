@@ -1,15 +1,19 @@
 """Outward rates of trajectories at the faces of a polytope {x : D x <= s(t)}.
 
-The part of face k, d_k x = s_k(t), that lies in the polytope is covered by cells: a
-grid in the face's own coordinates z = G x, G = (d_k, q_1, ..., q_(n-1)), between bounds
-of q_j x on the face. A cell is dropped if for some row r
+x is the state; row k of D, d_k, is the outward direction of face k, and s_k(t) its
+level, which is linear in time over a slab of time. The part of face k, d_k x = s_k(t),
+that lies in the polytope is covered by cells: a grid in the face's own coordinates
+z = G x. The rows of G are d_k and directions q_1, ..., q_(n-1) along the face; the grid
+lies between bounds of q_j x on the face. A cell is dropped if for some row r of D
 
     d_r W z > s_r(t)   for all its z and all times of the slab,   W = G^-1 in floats.
 
-This is linear in t and z, so it is enough to check the ends. W is not an exact inverse:
-a point x of the cell differs from W z by at most |(I - W G) x|, the cell's misfit.
+The inequality is linear in t and z, so it is enough to check the ends of their ranges.
+W is not an exact inverse: a point x of the cell differs from W z by at most
+|(I - W G) x|, the cell's misfit.
 
-The bounds of q'x over the polytope follow from the duality of linear programmes:
+The bounds of q'x over the polytope, for a direction q, follow from the duality of
+linear programmes:
 
     max {q'x : D x <= s} = min {y's : D'y = q, y >= 0}
 
@@ -18,8 +22,8 @@ nonzero entries, gives the exact maximum. The vertices do not depend on s: they 
 listed once, and a bound for new levels s is a product and a minimum. On the face
 d_k'x = s_k the entry y_k may have any sign.
 
-A listed y solves D'y = q in floats only. Its residual r = q - D'y adds r'x, which is
-bounded by the size of x: nothing here depends on a tolerance.
+A listed y solves D'y = q in floats only. The residual r = q - D'y adds r'x to the
+bound, and r'x is bounded by the size of x: nothing here depends on a tolerance.
 
 Source: Boyd and Vandenberghe (2004), Convex Optimization, section 5.2.4.
 """
@@ -50,14 +54,16 @@ _APART = 32.0
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class DualVertices:
-    """The vectors y of some directions q, n entries each.
+    """The vertices y of the duals of some directions q, with n entries each.
+
+    See the module's docstring.
 
     Attributes:
         rows: Rows of D that the entries belong to, shape (n, number).
         weights: The entries, shape (n, number).
         residual: Bound of |q - D'y|_1 and of the rounding of y's, relative to the
-            largest of |x_i| and |s_k|, shape (number,).
-        starts: Index of the first vertex of each q, shape (directions,).
+            largest of |x_i| and |s_k| (the levels), shape (number,).
+        starts: Index of the first vertex of each direction q, shape (directions,).
     """
 
     rows: Index

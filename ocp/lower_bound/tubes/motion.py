@@ -1,29 +1,33 @@
 """Upper bounds of the rates of trajectories in given directions, over cells of space.
 
-A cell holds the points (t, x, u) with
+f(t, x, u) is the right-hand side; t, x and u are time, states and controls. A cell is a
+part of a moving face of a polytope (`faces.py`) during a slab of time [t_a, t_b]: the
+points (t, x, u) with
 
     x = W z + e,  z_0 = s(t) = s_a + slope (t - t_a),  |e_i| <= misfit,
     z_j in [lower_j, upper_j] (j > 0),  t in [t_a, t_b],  u in a box
 
-that is, a part of a moving face, in its own coordinates z. The bound of d'f over it is
-the better one of two: d'f in intervals, and the mean-value form
+z are the face's own coordinates, s is the level of the face, and s_a is s(t_a). The
+bound of d'f over the cell, for a direction d, is the better one of two: d'f in
+intervals, and the mean-value form
 
     d'f(t, x, u) <= d'f(c) + |d'f_t + d'f_x W_0 slope| (t_b - t_a) / 2
-                    + sum over j of |d'f_x W_j| (half of cell j) + |d'f_u| (half of u)
-                    + |d'f_x| misfit,
+                    + sum over j of |d'f_x W_j| (half width of z_j)
+                    + |d'f_u| (half width of u) + |d'f_x| misfit,
 
-with derivatives over the whole cell. Its overestimate falls with the square of the
-cell's size. Both bounds take f as weighted sums of terms, some of which may cancel in
-d'f:
+with c the middle of the cell, and derivatives over the whole cell. The overestimate of
+this form falls with the square of the cell's size. Both bounds take f as weighted sums
+of terms, some of which may cancel in d'f:
 
-    f_i(y) = sum over j of A_ij w_j(y)
+    f_i(y) = sum over j of A_ij w_j(y),    y = (t, x, u)
 
-w_j are the inputs, the number 1 and the values that are not sums, each once; A are
-numbers. With x1' = -x1 + r and x2' = -x2 - r, for example, r cancels in x1' + x2';
-intervals of x1' and x2' would count the width of r twice.
+The terms w_j are the inputs, the number 1, and the values that are not sums, each once;
+the weights A_ij are numbers. With x1' = -x1 + r and x2' = -x2 - r, for example, r
+cancels in x1' + x2'; intervals of x1' and x2' would count the width of r twice.
 
-f must be continuous. If it has a jump that its derivatives do not show (atan2 at its
-cut), the second bound is left out, see `smoothness.py` of the intervals.
+f must be continuous. If it has a jump that the derivatives of f do not show (atan2 at
+y = 0, x <= 0), the second bound is left out, see
+`terminal_set/interval_arithmetic/smoothness.py`.
 
 Source: Moore, Kearfott and Cloud (2009), Introduction to Interval Analysis,
 section 6.2.
@@ -75,7 +79,7 @@ class Motion:
         slopes: Derivatives of the terms, column after column: by t, by x, by u.
         weights: The weights of the sums, shape (n, terms).
         errors: Error bounds of the weights, shape (n, terms).
-        kinks: Jumps of f that its derivatives do not show.
+        kinks: Jumps of f that the derivatives of f do not show.
         controls: Boxes that give the extremes of f over the control box, lower and
             upper corners, shape (2, m, number).
     """
@@ -91,7 +95,7 @@ class Motion:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Cells:
-    """N parts of moving faces; see the module's docstring.
+    """N parts of moving faces; see the module's docstring for the symbols.
 
     Attributes:
         times: t_a and t_b.
@@ -211,13 +215,13 @@ def _repeated(cells: Cells, count: int) -> Cells:
 
 
 def _bounds(motion: Motion, cells: Cells, boxes: list[Array], half: Array) -> Array:
-    """Return the better one of both bounds for each box.
+    """Return the better of the two bounds of d'f (see above) for each box.
 
     Args:
         motion: The right-hand side f.
         cells: A cell for each box.
         boxes: Lower corners, upper corners and middles, each (1 + n + m, boxes).
-        half: Half of the cells in z, before they were repeated.
+        half: Half widths of the cells in z, before the cells were repeated.
     """
     low, high, middle = boxes
     number = low.shape[1]

@@ -2,19 +2,22 @@
 
     { x : D x <= s(t) },  s linear over slabs of time
 
+d_k is row k of D, the outward direction of face k; s_k(t) is the level of this face.
 Over each slab, s_k rises faster than
 
     r_k = max of d_k f(t, x, u) over  d_k x = s_k(t),  D x <= s(t),  all u,
 
-in rounded intervals (`faces.py`, `motion.py`), and s(0) >= D x0. Then no trajectory
-leaves the polytope: at its last moment inside it is on some faces. As f is continuous,
-d_k x rises more slowly than s_k on each of them for some time, and it cannot reach the
-other faces at once. The bounds of the states are part of the polytope here, with
-constant levels, since admissible trajectories keep them.
+and s(0) >= D x0, with f the right-hand side and x0 the initial state. r_k is bounded
+from above by interval arithmetic with outward rounding (`faces.py`, `motion.py`). Then
+no trajectory leaves the polytope: one that did would be on some faces at its last
+moment inside. As f is continuous, d_k x rises more slowly than s_k on each of these
+faces for some time, and the trajectory cannot reach the other faces at once. The bounds
+of the states are part of the polytope here, with constant levels, since admissible
+trajectories keep them.
 
-r depends on the s at the slab's end, which is raised until all rates fit; if that does
-not converge, the slab is halved. A face that does not touch the polytope may move
-freely: it is tightened until it touches.
+r_k depends on the levels at the slab's end, which are raised until every level rises
+fast enough; if that does not converge, the slab is halved. A face that does not touch
+the polytope may move freely: it is tightened until it touches.
 
 Source: Blanchini and Miani (2015), Set-Theoretic Methods in Control, section 4.2
 (Nagumo's condition); Dang and Maler (1998), Reachability Analysis via Face Lifting.
@@ -60,7 +63,7 @@ _BEYOND = 0.1
 """Fraction by which a raise is enlarged, so that the next round fits."""
 _HALVINGS = 8
 _MOST_EXCESS = 0.02
-"""Relative excess of a slab's width at which it is halved."""
+"""Relative excess of the polytope's width above which a slab is halved."""
 _MOST_SLABS = 20
 """Largest number of slabs, in multiples of the requested number."""
 
@@ -195,7 +198,7 @@ def _scaled(directions: Array, rough: Tube) -> Array:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class _March:
-    """The common parts of all slabs of a tube."""
+    """The computation of a tube, slab after slab, with the data that slabs share."""
 
     statement: Statement
     motion: Motion
@@ -204,7 +207,7 @@ class _March:
     most_excess: float
 
     def rates(self, times: tuple[float, float], start: Array, stop: Array) -> Array:
-        """Return r of a slab whose levels go from start to stop."""
+        """Return the bounds of all r_k in a slab whose levels go from start to stop."""
         return rates_at_faces(
             self.motion,
             self.template,

@@ -1,7 +1,7 @@
 """Queries of a tube: boxes that cover it, boxes outside, points inside.
 
 Proofs use `outside` and `starting_boxes`, which are rounded outwards. A proof tests
-every box, so `outside` is compiled: it must not take longer than the interval
+every box, so `outside` is compiled: a test must not take longer than the interval
 evaluation of the box. `inside` is for samples only, in plain floats.
 """
 
@@ -89,7 +89,7 @@ def mark_outside(
 
     Args:
         times: Times of the tube, shape (M + 1,).
-        levels: Its levels, shape (M + 1, K).
+        levels: Levels of the faces at these times, shape (M + 1, K).
         directions: Directions, shape (K, n).
         boxes: Lower and upper corners, shape (2, 1 + n, m).
         marks: Filled with the answers, shape (m,).

@@ -1,4 +1,8 @@
-"""Periodic states: constant copies of their start, which they must equal at the end."""
+"""Rewrite of periodic states.
+
+Each gets a constant copy of its start as a further state, and must equal this copy at
+the end.
+"""
 
 from dataclasses import dataclass
 

@@ -52,8 +52,9 @@ class Tube:
     Attributes:
         first: Step of the first sample.
         samples: Positions, shape (k, 3).
-        bulges: Bulge of each piece between samples, and of the stay at the last one,
-            shape (k,).
+        bulges: Largest distance of the vehicle from the moving point on the straight
+            line between two samples, for each pair of successive samples; the last
+            entry is the largest distance from the last sample, after it; shape (k,).
     """
 
     first: int

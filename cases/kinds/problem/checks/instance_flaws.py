@@ -35,7 +35,11 @@ def _constants(scenario: UserScenario) -> dict[str, float]:
 
 
 def instance_numbers(scenario: UserScenario) -> Iterator[Attempt]:
-    """Yield attempts to evaluate the numbers of instances."""
+    """Yield the place of each expression of the instances, and its evaluation.
+
+    The expressions are those of the grid and of the drawn laws. The evaluation is a
+    function that returns the number, or raises the error.
+    """
     if scenario.instances is not None:
         fixed = _constants(scenario)
         for place, text in scenario.instances.quantities():
