@@ -1,4 +1,7 @@
-"""Branch and bound over boxes of (t, x, boxed controls), in batches.
+"""Branch and bound over boxes, in batches.
+
+The coordinates of a box are the time, the states and some controls (`lower_bound`), or
+those of an ellipsoid (`ellipsoid_search.py`).
 
 A box, one column of a batch, holds all points with lower <= y <= upper. Cutting drops
 points that are proven to be outside a set {c <= 0}; every bound is moved outwards by
@@ -40,8 +43,8 @@ class Boxes:
     Attributes:
         lower: Lower corners, shape (d, N).
         upper: Upper corners, shape (d, N).
-        slab: A number that the task gives to each box, (N,): on faces of a tube, that
-            of the interval of times; on an ellipsoid, see `DecreaseTask`.
+        slab: A number that the task gives to each box, (N,): on faces of a tube the
+            number of the interval of times; on an ellipsoid as `DecreaseTask` says.
     """
 
     lower: Array
@@ -148,12 +151,13 @@ class Outcome:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Judgement:
-    """A batch of boxes, judged.
+    """The verdicts on a batch of boxes.
 
     Attributes:
         proven: Mask of boxes over which the inequality holds, (N,).
         suspect: Mask of boxes whose middle may be a counterexample, (N,).
-        pull: How much the bound loses by the width of each variable, shape (d, N).
+        pull: Estimate of how much worse the bound is because of the width of the box in
+            each variable, shape (d, N); a box is cut along the largest one.
     """
 
     proven: Flags

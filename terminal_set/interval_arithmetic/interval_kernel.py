@@ -6,7 +6,7 @@ Every end is computed in floats and moved outwards, by |end| times
     the other functions         FUNCTION_WIDER (4 units; glibc documents at most 2)
 
 plus SMALLEST, below which floats lose digits. Each factor includes the rounding of the
-move itself; moving to the next float instead would need a branch.
+move itself. A move to the next float instead would need a branch in the code.
 
 If a function is undefined somewhere in the box, or an end is not a number, the result
 is the whole line, which states nothing.
@@ -16,8 +16,8 @@ those of math raise errors when NumPy's return infinity or NaN. Only erf is not 
 NumPy.
 
 One kernel, compiled once, interprets any program, one instruction at a time for a whole
-block of boxes. The values of BLOCK boxes stay in the processor's cache. Flags, of
-comparisons in derivatives, are intervals of 0 (false) and 1 (true).
+block of boxes. The values of BLOCK boxes stay in the processor's cache. The results of
+comparisons, which occur in derivatives, are intervals of 0 (false) and 1 (true).
 
 Source: Moore, Kearfott and Cloud (2009), Introduction to Interval Analysis; the GNU C
 Library Reference Manual, "Errors in Math Functions".

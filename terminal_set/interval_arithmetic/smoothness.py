@@ -5,16 +5,19 @@ a second derivative has no term for it.
 
     |a|             kink at a = 0
     fmin, fmax      kink at a = b
-    atan2(y, x)     cut at y = 0, x <= 0: the function jumps, its derivatives do not
+    atan2(y, x)     branch cut at y = 0, x <= 0: the function jumps, its derivatives
+                    do not
 
-So a Taylor form is valid only on a box without kinks and cuts. On a box with kinks but
-no cut the first derivative may still be used: along a line from m to x,
+So a Taylor form of a function c is valid only on a box without kinks and branch cuts.
+On a box with kinks but no branch cut the first derivative may still be used. Along a
+line from m to x,
 
     c(x) - c(m) = int_0^1 g(m + t (x - m))'(x - m) dt
 
-with g the formula of the gradient, since c is Lipschitz and g is right for almost all
-t (if a = 0 on more than isolated points, its slope is 0 at almost all of them). So an
-interval of g over the box bounds the difference; second derivatives do not.
+with g the formula of the gradient, since c is Lipschitz and g is right for almost all t
+(if a = 0 on more than isolated points, the slope of a is 0 at almost all of them). So
+an interval of g over the box bounds c(x) - c(m). Second derivatives bound nothing
+there.
 
 All other operations have unbounded derivatives or values at the edge of their domain,
 which the intervals show by themselves.
@@ -79,7 +82,7 @@ class NotSmoothError(SwarmstartError, ValueError):
 
 
 class Kinks:
-    """A test of boxes for the kinks and cuts of a function."""
+    """A test of boxes for the kinks and branch cuts of a function."""
 
     def __init__(self, function: ca.Function) -> None:
         """Collect the operations that have kinks or cuts.

@@ -1,11 +1,11 @@
 """Values of a tape as exact polynomials in the controls.
 
-A value is a sum over products p of controls of c_p(t, x) p, of degree 2 at most, with
-c_p values of a new tape. Sums, products and divisions by values without controls keep
-that form, so no derivative is needed to see that a problem is affine in its controls. A
-control is boxed if this fails for it, or if the factor of its square is not a number
->= 0: it becomes a coordinate of the boxes, beside t and x. Constants are exact
-fractions.
+A value is a sum over products p of controls of c_p(t, x) p, of degree 2 at most; the
+factors c_p are values of a new tape. Sums, products and divisions by values without
+controls keep that form, so no derivative is needed to see that a problem is affine in
+its controls. A control for which this fails, or whose square has a factor that is not a
+number >= 0, is "boxed": it becomes a coordinate of the boxes of the search, as t and x
+are. Constants are exact fractions.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _SECOND = 2
 
 
 class _BoxedError(Exception):
-    """A control must be boxed."""
+    """A control must become a coordinate of the boxes."""
 
     def __init__(self, control: int) -> None:
         super().__init__()
@@ -37,7 +37,7 @@ class _BoxedError(Exception):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Split:
-    """A problem as polynomials in the controls.
+    """The rates f and the stage cost L of a problem as polynomials in the controls.
 
         f = drift + sum of columns[k] u_k,  L = stage + sum of linear[k] u_k + q_k u_k^2
 

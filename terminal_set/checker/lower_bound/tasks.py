@@ -39,7 +39,7 @@ from swarmstart.terminal_set.checker.search import (
 
 @dataclass(frozen=True, eq=False)
 class _Hamiltonian:
-    """first + sum of weights_i f_i, + L, least over the controls.
+    """The least value over the controls of first + sum of weights_i f_i, + L if wanted.
 
     Attributes:
         split: The problem.

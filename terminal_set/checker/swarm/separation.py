@@ -1,4 +1,4 @@
-"""Distances of tubes, proven by a separating plane in rounded numbers.
+"""Distances of tubes (`certificate_file.Tube`), proven by a separating plane in floats.
 
 Between two steps the difference of two chords is a segment from a to b. If n is a
 vector of at most unit length,
