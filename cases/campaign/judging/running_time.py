@@ -1,6 +1,7 @@
 """Expected running time of solvers to a target, from the histories of their runs.
 
-    ERT(target) = effort of all runs until they reach it or end / number that reach it
+    ERT(target) = effort of all runs until they reach the target or end
+                  / number of runs that reach it
 
 so that the effort of failed runs counts. A history has the best answer so far at marks
 of the effort, so that any budget and any target can be chosen afterwards. A solver's
