@@ -140,7 +140,7 @@ class Outcome:
         boxes: Number of boxes it took.
         counterexample: Point (t, x), or state e of an ellipsoid, at which the
             inequality certainly fails; None if none was found.
-        remark: Reason why the proof is open; empty otherwise.
+        remark: Reason why the inequality is neither proven nor refuted; else empty.
     """
 
     proven: bool

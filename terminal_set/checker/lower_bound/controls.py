@@ -48,7 +48,8 @@ class Split:
         drift: Indices of the n values of the drift.
         columns: For each free control the indices of n values; None stands for 0.
         stage: Index of the value of the stage cost without free controls.
-        linear: Index of the value of each free control's factor; None stands for 0.
+        linear: For each free control the index of the value of its factor; None stands
+            for 0.
         quadratic: q_k >= 0 for each free control.
         end: Index of the value of phi.
         path: Indices of the values of the path constraints.
@@ -95,7 +96,7 @@ def split(problem: Problem, deadline: Deadline = NEVER) -> Split:
 
 @dataclass(slots=True)
 class _Writer:
-    """Writer of values: equal ones once, constants folded exactly."""
+    """Writer of values: equal ones once, and operations on constants done exactly."""
 
     nodes: list[Node] = field(default_factory=list)
     numbers: dict[Node, int] = field(default_factory=dict)

@@ -80,10 +80,10 @@ class Plan:
         vehicle: Number of the vehicle.
         tube: Path of the plan, and how far the vehicle may be away from it.
         parting: Last step at which the plan is equal to the one that it replaces.
-        proposed: Tick at which it was proposed; -1 at the start.
-        ended: Tick at which it was committed to or withdrawn; -1 at the start; OPEN if
-            neither has happened.
-        committed: Whether it was committed to.
+        proposed: Tick at which the plan was proposed; -1 at the start.
+        ended: Tick at which the plan was committed to or withdrawn; -1 at the start;
+            OPEN if neither has happened.
+        committed: Whether the plan was committed to.
         accepted: Tick at which each vehicle accepted it, or None.
     """
 
