@@ -48,7 +48,7 @@ class Twin:
     """
 
     def __init__(self, one: PosedController, *, iterations: int) -> None:
-        """Compile the lanes.
+        """Compile the local solver of the lanes.
 
         Args:
             one: The numbers and functions that the C file is made of.

@@ -239,7 +239,8 @@ class ChaoticPSO(OfFixedSize, BoundHandled):
       dozens of generations at the bound that its first velocity points to.
     - (5.18) is measured on the positions that were evaluated last, before they move,
       on raw coordinates. A swarm whose particles all start at one point (the shifted
-      last plan) has D = 0 and reseeds at once, which then places the worse half anew.
+      last plan) has D = 0 and reseeds at once; this reseeding spreads half of the
+      particles.
     - Reseeded particles then move like all others. Personal bests and velocities are
       kept.
     - Step 7 ends "go to Step 4", which would initialise the swarm for ever; here Step 5

@@ -137,7 +137,7 @@ class Outcome:
 
     Attributes:
         proven: Whether the inequality holds everywhere.
-        boxes: Number of boxes it took.
+        boxes: Number of boxes that were examined.
         counterexample: Point (t, x), or state e of an ellipsoid, at which the
             inequality certainly fails; None if none was found.
         remark: Reason why the inequality is neither proven nor refuted; else empty.

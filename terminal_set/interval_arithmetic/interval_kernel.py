@@ -236,8 +236,8 @@ def _whole_power(a: float, b: float, n: float) -> tuple[float, float]:
 def angle(a: float, b: float, c: float, d: float) -> tuple[float, float]:
     """Return atan2 of y in [a, b] and x in [c, d], extreme in their corners.
 
-    On the cut, y = 0 and x <= 0, atan2 jumps: a box that touches the cut gets the whole
-    line.
+    On the branch cut, y = 0 and x <= 0, atan2 jumps: a box that touches the branch cut
+    gets the whole line.
     """
     if c <= 0.0 and a <= 0.0 and b >= 0.0:
         return -np.inf, np.inf

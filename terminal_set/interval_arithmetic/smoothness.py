@@ -85,7 +85,7 @@ class Kinks:
     """A test of boxes for the kinks and branch cuts of a function."""
 
     def __init__(self, function: ca.Function) -> None:
-        """Collect the operations that have kinks or cuts.
+        """Collect the operations that have kinks or branch cuts.
 
         Args:
             function: x (n, 1) -> a column.
@@ -102,7 +102,7 @@ class Kinks:
         self._arguments = _arguments(tape, kinks, cuts, name)
 
     def __call__(self, lower: Array, upper: Array) -> tuple[Mask, Mask]:
-        """Return the boxes that may have kinks, and those with cuts, as masks (m,).
+        """Return the boxes that may have kinks, and branch cuts, as two masks (m,).
 
         Args:
             lower: Lower corners of m boxes, shape (n, m).
@@ -119,7 +119,7 @@ class Kinks:
         return np.asarray(kinks.any(axis=0)), np.asarray(cuts.any(axis=0))
 
     def require_no_cut(self, lower: Array, upper: Array, name: str) -> None:
-        """Validate that a box has no cut.
+        """Validate that a box has no branch cut.
 
         Args:
             lower: Lower corner, shape (n, 1).

@@ -1,9 +1,9 @@
 """Derivatives in interval arithmetic, and bounds on the cells of a ball from them.
 
 The ball is |z| <= r in n dimensions, and its points are z = rho w / |w| with w on a
-face of the cube [-1, 1]^n. So it is covered exactly by 2n boxes of (rho, w), which are
-divided further. The points z of such a box are a cell. Needed of a cell are its size
-and the maximum of a linear function on it.
+face of the cube [-1, 1]^n. So the ball is covered exactly by 2n boxes of (rho, w),
+which are divided further. The points z of such a box are a cell. Needed of a cell are
+its size and the maximum of a linear function on it.
 
 Let c be a function of e = T z with a constant matrix T, m a point of a cell (in z), and
 d = z - m for the points z of the cell. Then
@@ -197,7 +197,7 @@ class TaylorForm:
         return added_up(high[0], terms), cells.spread(along, unsure)
 
     def kinks(self, lower: Array, upper: Array) -> tuple[Mask, Mask]:
-        """Return the boxes that may have kinks, and those with cuts, as masks (m,)."""
+        """Return the boxes that may have kinks, and branch cuts, as two masks (m,)."""
         return self._kinks(lower, upper)
 
     def hessians(self, lower: Array, upper: Array) -> tuple[Array, Array]:
@@ -221,7 +221,7 @@ class TaylorForm:
 
         Returns:
             Upper bounds of |D^3 c [d, d, d]| / 6 over the cells, shape (m,); infinite
-            in those with a kink or a cut.
+            in cells with a kink or a branch cut.
         """
         with np.errstate(invalid="ignore", over="ignore"):
             third = self._third_order(cells, d)

@@ -336,7 +336,7 @@ class HeldTooLongError(SwarmstartError, ValueError):
     """A gain is unstable when its input is held for this time.
 
     Attributes:
-        dt: Time for which it is held [s].
+        dt: Time for which the input is held [s].
         spectral_radius: Spectral radius of the held loop.
         longest: Longest time for which the held loop is stable [s].
     """

@@ -57,7 +57,8 @@ class Undecided(NamedTuple):
     Attributes:
         lower: Lower corners, shape (1 + nx, m).
         upper: Upper corners.
-        spread: Variation of c along each coordinate; the largest one is cut.
+        spread: Variation of c along each coordinate; a box is cut along the largest
+            one.
     """
 
     lower: Array
@@ -219,7 +220,7 @@ class _Rays:
     """The motion along rays from the centre, (s, w) -> ...
 
     Attributes:
-        kinks: Its kinks and cuts.
+        kinks: Kinks and branch cuts of the motion.
         bends: (s, w) -> (b, d) of the bound by second derivatives.
         slopes: (s, w) -> a bound of c / s^2 by first derivatives.
     """

@@ -106,7 +106,7 @@ class Hold:
         motion: (e, t) -> the deviation after t; e for t = 0.
         P: Shape of the ellipsoids, (nx, nx), symmetric positive definite.
         dt: Duration [s].
-        pieces: Number of intervals of time at the beginning.
+        pieces: Number of intervals of time with which the search begins.
     """
 
     motion: ca.Function

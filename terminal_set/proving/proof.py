@@ -17,8 +17,8 @@ sphere, and
 
     minimise  rho   subject to  c(rho L^-T u) / rho^2 >= 0,  |u| = 1
 
-is the nearest counterexample. Starting points come from rays in random directions: on
-each ray it is the first radius at which c >= 0. IPOPT starts at the nearest of them. A
+is the nearest counterexample. Starting points lie on rays in random directions, on each
+ray at the first radius at which c >= 0. IPOPT starts at the nearest of these points. A
 counterexample refutes its own level and all larger ones; it is checked by evaluating c
 there. If none was found, nothing is proven. A nearer one may exist, since IPOPT is a
 local solver.

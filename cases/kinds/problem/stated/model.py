@@ -64,7 +64,7 @@ def model_of(
     disturbed: bool = False,
     timed: bool = False,
 ) -> Model:
-    """Return the members side by side as one model.
+    """Return one model with the states and controls of all members.
 
     Args:
         scenario: The scenario.
