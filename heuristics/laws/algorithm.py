@@ -264,7 +264,7 @@ class OfFixedSize:
 
 
 class BoundHandled:
-    """Base of the settings with a `bound_handling`; the former name `bounds` is refused.
+    """Base of settings with a `bound_handling`; the former name `bounds` is refused.
 
     Raises:
         InvalidSettingsError: If `bounds` is given, which is a keyword of `minimize`.

@@ -91,7 +91,8 @@ class CellProcess:
 
         Raises:
             StoppedError: If `stop` was called during the cell.
-            OtherCodeError: If the code of the process differs from that of the key.
+            OtherCodeError: If the code in the process differs from the code of which
+                the cell's key was made.
             RecordError: If the result cannot be written.
         """
         began, ending = Beginning(), Ending(how="")
