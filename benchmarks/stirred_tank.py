@@ -248,7 +248,11 @@ def bars(found: Measured) -> list[Bar]:
 def text(found: Measured) -> str:
     """Return the text above the tables, the finding first."""
     flown = found.flights[NOMINAL]
-    kept = f"on all nine plants the ensemble keeps T_R below {found.hottest:.2f} deg C"
+    kept = (
+        "on all nine plants (three values of each of two uncertain parameters) the "
+        "ensemble keeps the reactor's temperature T_R below "
+        f"{found.hottest:.2f} deg C"
+    )
     lines = ["# A stirred tank in closed loop", ""]
     if THEIRS not in flown:
         return "\n".join([*lines, f"{kept.capitalize()}.", "", _TEXT])
