@@ -209,7 +209,7 @@ def _turns(a: float, b: float, at: float) -> bool:
 
 @ieee_kernel
 def power(a: float, b: float, c: float, d: float) -> tuple[float, float]:
-    """Return [a, b] to the power of [c, d], extreme in their corners."""
+    """Return [a, b] to the power of [c, d]; its extremes are at corners of the box."""
     if c == d and c == np.floor(c):
         return _whole_power(a, b, c)
     if a < 0.0 or (a == 0.0 and c < 0.0):
@@ -234,7 +234,7 @@ def _whole_power(a: float, b: float, n: float) -> tuple[float, float]:
 
 @ieee_kernel
 def angle(a: float, b: float, c: float, d: float) -> tuple[float, float]:
-    """Return atan2 of y in [a, b] and x in [c, d], extreme in their corners.
+    """Return atan2 of y in [a, b] and x in [c, d]; its extremes are at corners.
 
     On the branch cut, y = 0 and x <= 0, atan2 jumps: a box that touches the branch cut
     gets the whole line.
@@ -363,7 +363,7 @@ def _apply_two(code: int, x: Array, y: Array, out: Array) -> None:
 
 @ieee_kernel
 def _compare(code: int, a: float, b: float, c: float, d: float) -> tuple[float, float]:
-    """Return [a, b] <= [c, d] as a flag, or the number of true ones of <= and >=."""
+    """Return [a, b] <= [c, d] as 0 to 1, or how many of <= and >= are true."""
     if code == _LE:
         return (1.0 if b <= c else 0.0), (0.0 if a > d else 1.0)
     return 1.0, (1.0 if b < c or a > d else 2.0)

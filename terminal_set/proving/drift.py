@@ -177,8 +177,9 @@ class ReferenceMotion:
     def over_hold(self, dt: float, substeps: int) -> Array:
         """Bound the motion of the reference over a hold, for the map and the flow.
 
-        On every step a box is widened until h sup |f| over it is at most its growth:
-        then the flow and every stage of the map stay in it.
+        On every step, of the length h, a box is widened until h sup |f| over the box is
+        at most the width that was added: then the flow and every stage of the map stay
+        in the box.
 
         Args:
             dt: Time for which the input is held [s].
@@ -214,7 +215,7 @@ class ReferenceMotion:
 
 
 def exact_rates(dynamics: ca.Function, reference: Reference) -> list[Fraction | None]:
-    """Return f(x_ref, u_ref) as fractions; None for other rates, and for long ones.
+    """Return f(x_ref, u_ref) as fractions; None for rates that are no short fractions.
 
     Intervals widen each result, and so cannot show that a reference is exactly at rest.
 

@@ -144,7 +144,7 @@ def undecided(
     quadratic: Array,
     remainder: Array,
 ) -> Undecided:
-    """Return the boxes for which c < 0 follows from neither of its bounds.
+    """Return the boxes for which c < 0 follows from neither of the two bounds.
 
     Args:
         bounded: Lower and upper corners of boxes with rho > 0 -> upper bounds of c,

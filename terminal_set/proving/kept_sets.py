@@ -278,7 +278,7 @@ def _flow(certificate: Certificate, e: Array) -> list[Array]:
 
     Args:
         certificate: Of a held input.
-        e: Deviations at its beginning, shape (nx, n).
+        e: Deviations at the beginning of the hold, shape (nx, n).
     """
     reference, held, dt = certificate.reference, certificate.held, certificate.dt
     steps = STEPS * (held.substeps if held else 1)

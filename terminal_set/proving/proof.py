@@ -179,7 +179,7 @@ def search_ball(
     Args:
         bounds: Lower and upper corners of boxes of (rho, w) -> those undecided.
         nx: Dimension of the ball.
-        radius: Its radius.
+        radius: Radius of the ball.
         limits: Limits at which the search stops.
         broken: Undecided boxes -> a counterexample among them, if any.
     """
