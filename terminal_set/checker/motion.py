@@ -317,8 +317,9 @@ def _over_hold(
 ) -> Balls:
     """Return upper bounds of the reference's motion over a hold, by map and flow.
 
-    On every step a box is widened until h sup |f| over it is at most its growth: then
-    the flow and every stage of the map stay in it.
+    On every step, of the length h, a box is widened until h sup |f| over the box is at
+    most the width that was added: then the flow and every stage of the map stay in the
+    box.
     """
     substeps = certificate.substeps or 1
     h = arb(certificate.dt or 0.0) / substeps

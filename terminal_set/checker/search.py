@@ -58,7 +58,7 @@ class Boxes:
 
     @property
     def middle(self) -> Array:
-        """Points about the middles, floats, shape (d, N)."""
+        """Points near the middles, as floats, shape (d, N)."""
         return np.clip(0.5 * self.lower + 0.5 * self.upper, self.lower, self.upper)
 
     @property
@@ -113,8 +113,9 @@ def is_empty(boxes: Boxes) -> Flags:
 def cut_by(boxes: Boxes, constraint: Model) -> tuple[Boxes, Flags]:
     """Drop points with c > 0.
 
-    c >= c_0 + sum of g_a s_a - rest over the box, so that c <= 0 needs, for each a,
-    g_a s_a <= rest + sum of |g| - c_0 - |g_a|.
+    With c_0 and the slopes g_a of the model of c in its variables s_a in [-1, 1],
+    c >= c_0 + sum of g_a s_a - rest over the box. So c <= 0 needs, for each a, g_a
+    s_a <= rest + sum of |g| - c_0 - |g_a|.
 
     Returns:
         Smaller boxes; a mask of boxes without any point with c <= 0.
@@ -208,7 +209,7 @@ def judgement(
     suspect: Flags,
     extra: Array | float = 0.0,
 ) -> Judgement:
-    """Return a judgement; variables share a loss of unknown origin by their widths.
+    """Return a judgement; a loss of unknown origin is shared by the widths of boxes.
 
     Args:
         below: The function that is bounded from below.

@@ -388,7 +388,7 @@ def input_excess(K: ArrayLike, P: ArrayLike, alpha: float, u_max: ArrayLike) -> 
     Args:
         K: Gain, shape (nu, nx).
         P: Shape of the ellipsoid, (nx, nx), symmetric positive definite.
-        alpha: Its level, > 0.
+        alpha: Level of the ellipsoid, > 0.
         u_max: Room of each input around its reference (see `smaller_side`), shape
             (nu,), > 0.
 

@@ -182,7 +182,7 @@ def require_stabilisable(A: Array, B: Array, domain: TimeDomain) -> None:
 
 
 def require_weighted(A: Array, Q: Array, domain: TimeDomain) -> None:
-    """Validate that a weight sees every mode on the boundary of stability.
+    """Validate that a weight gives a cost to every mode on the boundary of stability.
 
     Args:
         A: System matrix, shape (nx, nx), finite.

@@ -76,7 +76,7 @@ class Split:
 
 
 def split(problem: Problem, deadline: Deadline = NEVER) -> Split:
-    """Write a problem as polynomials in the controls; box as few as possible.
+    """Write a problem as polynomials in the controls, as few of them boxed as possible.
 
     Args:
         problem: Problem of the file; its end and constraints depend on no control.

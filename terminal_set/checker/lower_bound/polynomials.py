@@ -110,7 +110,7 @@ class Expansion:
         return self._model(None)
 
     def derivative(self, axis: int) -> Model:
-        """Return its derivative by t (axis 0) or a state as models."""
+        """Return the polynomial's derivative by t (axis 0) or a state as models."""
         return self._model(axis)
 
     def _model(self, axis: int | None) -> Model:
@@ -180,7 +180,7 @@ def _powers(radius: Array, count: int) -> Array:
 
 
 def _table(y: Array, middle: float, half: float, size: int) -> tuple[Array, Array]:
-    """Return T_e^[p] at z(y) and radii of balls about them, each (N, size, size)."""
+    """Return T_n^[p] at z(y) and radii of balls about them, each (N, size, size)."""
     z = (y - middle) / half
     z_radius = np.abs(z) * 2.0**-50  # A difference and a quotient are rounded.
     table = np.zeros((y.size, size, size))

@@ -167,7 +167,7 @@ def is_cut_off(
 
     Args:
         direction: d, shape (n,).
-        levels: Levels at both ends of a slab.
+        levels: Levels at the beginning and at the end of an interval of times.
         certificate: Certificate with the bounds.
     """
     lower, upper = certificate.problem.state_box

@@ -215,7 +215,7 @@ class FaceTask:
         return int(np.abs(self.region.tube.directions[self.face]).argmax())
 
     def roots(self, slabs: Sequence[int]) -> Boxes:
-        """Return a box for each of some slabs."""
+        """Return a box for each of some intervals of times."""
         one, times = self.region.roots(), self.region.tube.times
         numbers = np.array(slabs, dtype=np.int64)
         lower = np.repeat(one.lower, len(slabs), axis=1)

@@ -22,7 +22,8 @@ def separated(start: Array, end: Array, least: Array) -> NDArray[np.bool_]:
     """Return whether segments are proven to stay a distance away from the origin.
 
     Args:
-        start: Beginnings of the segments, shape (..., 3); differences of numbers.
+        start: Beginnings of the segments, shape (..., 3); rounded differences of two
+            floats.
         end: Ends of the segments, shape (..., 3).
         least: The distances to be kept, shape (...).
     """
