@@ -223,8 +223,8 @@ def select(
 ) -> Mask:
     """Let a trial replace its parent if it is not worse.
 
-    Before generation 0 the costs of the parents are infinite, so that all its
-    individuals are accepted.
+    Before generation 0 the costs of the parents are infinite, so that all individuals
+    of generation 0 are accepted.
 
     Args:
         order: The order of individuals.
