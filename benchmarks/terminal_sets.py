@@ -32,14 +32,15 @@ BLOCK = 50_000
 _HEAD = """# Proven and refuted levels
 
 Made by `python benchmarks/terminal_sets.py --samples {number}`. Refuted: the lowest
-level e'Pe found at which a deviation e exists whose e'Pe does not decrease (a local
-answer; for held inputs the integrator's margin is included). Gap: refuted over proven,
-minus 1. If nothing is refuted, the level is that of the bounds or, for the tank, the
-largest within the model's domain. Seconds: the last proof alone. Violations: of
-{samples} random states of the set, half of them on its edge, simulated for one hold (or
-1 s) by another integrator (DOP853, 1e-10), the number that broke an input's bound, left
-the set at the end, or did not decrease. New: the system was not tried before the method
-of proof was finished, and nothing was changed afterwards.
+level e'Pe found at which a deviation e exists whose e'Pe does not decrease (found by a
+local solver, so that a lower one may exist; for held inputs the integrator's margin is
+included). Gap: refuted over proven, minus 1. If nothing is refuted, the level is that
+of the bounds or, for the tank, the largest within the model's domain. Seconds: the last
+proof alone. Violations: of {samples} random states of the set, half of them on its
+edge, simulated for one hold (or 1 s) by another integrator (DOP853, 1e-10), the number
+that broke an input's bound, left the set at the end, or did not decrease. New: the
+system was not tried before the method of proof was finished, and nothing was changed
+afterwards.
 
 e is the deviation from the reference. Q_m = Q* means that e'Pe must decrease by at
 least e'Q* e a second, with Q* = Q + K'RK of the linear law. "Formation" is a UAV of the
