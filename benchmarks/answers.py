@@ -61,6 +61,11 @@ the column "code s". "Cold" is a whole call of IPOPT alone from zero controls.
   the best answer of IPOPT from zero controls, from the middle of the bounds (if that is
   not zero), from the guess in the problem's file, or from the best start that the
   answer of that seed names.
+- "5 s or 3 cold" says whether the slowest call ("s, most") takes at most 5 s or three
+  times "cold s".
+- If the column "lanes" begins with "none", it gives the reason why the problem cannot
+  be solved in [lanes](../glossary.md#lane). "Too long" means that the machine code of
+  an interval would have too many instructions.
 
 """
 RACE_TEXT = """

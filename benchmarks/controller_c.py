@@ -271,15 +271,16 @@ def finding(results: Sequence[Measured]) -> str:
     equal = "the same bits" if all(one.bits for one in results) else "NOT the same bits"
     clean = all(one.is_clean for one in results)
     loop = ratios and (
-        f"a step is {min(ratios):.0f} to {max(ratios):.0f} times faster than that of "
+        f"A step is {min(ratios):.0f} to {max(ratios):.0f} times faster than that of "
         f"the library's closed loop, and a flight costs {min(costs):.4f} to "
-        f"{max(costs):.4f} times as much; "
+        f"{max(costs):.4f} times as much. "
     )
     return (
-        f"In each of {len(results)} exported controllers at least {worst:.2%} of the "
-        "steps give the control of the library's [lanes](../glossary.md#lane), up to "
-        f"{SAME:g} of the control's range, and all optimisation levels of the compiler "
-        f"give {equal}; {loop or ''}sanitizers find {'nothing' if clean else 'ERRORS'}."
+        f"Each of {len(results)} exported controllers gives, in at least {worst:.2%} "
+        "of its steps, the control that the library's [lanes](../glossary.md#lane) "
+        f"give, up to {SAME:g} of the control's range. All optimisation levels of the "
+        f"compiler give {equal}. {loop or ''}Sanitizers find "
+        f"{'nothing' if clean else 'ERRORS'}."
     )
 
 

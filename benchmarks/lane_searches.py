@@ -180,11 +180,12 @@ optimised too, or if lanes are used. A hit is feasible, and within 1e-4 of the l
 cost that any run found. Evaluations (median) include those of IPOPT and of local
 solves, which count as [Local solves](../heuristics.md#local-solves) says; a batch of
 lanes that has begun is finished, so a multistart with 2,000 evaluations solves one or
-two starts. Seconds are means of the process, with machine code loaded. Other work ran
-at the same time, so compare them within a problem only. "lshade, then cma" is half of
-the budget each, CMA-ES from L-SHADE's best; "none" is IPOPT from zero controls.
-`swap_5` searches paths, for which there are no lanes: there the memetic search is
-L-SHADE, and the multistart is IPOPT from random paths.
+two starts. Seconds are CPU seconds of the process, in the mean over the runs, with
+machine code loaded. Other work ran at the same time, so compare the seconds within a
+problem only. "lshade, then cma" spends half of the budget on L-SHADE, and half on
+CMA-ES from L-SHADE's best point; "none" is IPOPT from zero controls. `swap_5` searches
+paths, for which there are no lanes: there the memetic search is L-SHADE, and the
+multistart is IPOPT from random paths.
 
 """
 

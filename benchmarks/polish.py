@@ -31,8 +31,9 @@ code, which evaluates all intervals in one call (`backend="llvm"`); with
 `backend="casadi"` CasADi interprets them. CPU time of one thread, both in turns from
 the same start; medians and, of the ratio, quartiles over the rounds. A time is that of
 the whole polish divided by its iterations, so it includes the natural sizes of the
-variables, the rollouts and the test of the answer. "Outside" is the part of it that is
-not spent in these functions, on machine code: IPOPT's own linear algebra, above all.
+variables, the rollouts and the test of the answer. "Outside" is the part of the time
+with machine code that is not spent in these functions: above all in IPOPT's own linear
+algebra.
 
 """
 

@@ -48,9 +48,9 @@ not in the paper.
 
 The sphere is searched by five individuals (NP = 5), of which a trial uses four. Such a
 population sometimes loses its differences and stops before the target, and the others
-scatter widely; so the tolerance is wide and 50 of 60 runs are enough. Over 600 further
-seeds ours succeeds in 541, with a mean of 438: at that rate one set of 60 in 30 has
-fewer than 50.""",
+scatter widely; so the tolerance is wide and 50 of 60 runs are enough. With 600 further
+seeds, our search succeeds in 541 runs, with a mean of 438: at that rate one in 30 sets
+of 60 seeds has fewer than 50 successes.""",
     ),
     "cec2006": Table(
         "CEC 2006: feasibility first",
@@ -62,10 +62,11 @@ medians are of 15 runs of another implementation, 60 lines of NumPy written for 
 comparison with the same settings. There g06 succeeded in 12 of 15 runs, the others in
 all.
 
-17 of 30 for g06 is the 0.1 % point of a binomial distribution with 0.8. But 0.8 was an
-estimate from 15 runs. Over 150 further seeds ours succeeds in about 0.6 of the runs (in
-one such set in 92), and at that rate one set of 30 seeds in 4 misses the bar. So 17 of
-30 holds only by luck.""",
+The bar for g06, 17 of 30, is the 0.1 % point of a binomial distribution with the
+probability 0.8. But 0.8 was an estimate from 15 runs. With 150 further seeds, our
+search succeeds in about 0.6 of the runs (in one such set, in 92 of the 150), and at
+that rate one in 4 sets of 30 seeds misses the bar. So 17 of 30 is reached here only
+by luck.""",
     ),
     "bbob": Table(
         "BBOB in 10-D: expected running times",
@@ -76,15 +77,16 @@ all runs, also of those that fail, divided by the number that succeeded. The num
 compared with were measured in the same way on pygmo and on the package `cmaes`. DE has
 NP 50, F 0.5, CR 0.9; jDE NP 50; the swarms 40 particles, w 0.7298 and c1 = c2 = 1.496.
 
-The rings differ: in ours a particle belongs to its own neighbourhood of five; in
-pygmo's it does not, and there are four. With pygmo's rules at the bounds (a particle
-stops there, and moves by at most half the box) ours is 11 % faster on f1, ERT 10255,
-which would miss the bar; without the particle itself ours gave 11696 there, and 19 of
-30 on f15. The rows here have our default rules, reflection and no speed limit, and
-reach both bars. These rules were chosen after both had been tried, so the rows do not
-show that every rule agrees. The swarm on f8 has pygmo's rules; with our defaults it
-has an ERT of 2665. On f15 only the successes count, where pygmo had 21 of 30: 13 is the
-0.1 % point of a binomial distribution with 0.7.""",
+The rings differ: in ours the neighbourhood of a particle is itself and four others; in
+pygmo's it is four others only. With pygmo's rules at the bounds (a particle stops
+there, and moves by at most half the box) our ring is 11 % faster on f1, with an ERT of
+10255, which would miss the bar. If a particle is left out of its neighbourhood, our
+ring has an ERT of 11696 on f1, and 19 successes of 30 on f15. The rows here have our
+default rules, reflection and no speed limit, and reach both bars. These rules were
+chosen after both had been tried, so the rows do not show that every rule agrees. The
+swarm on f8 has pygmo's rules; with our defaults it has an ERT of 2665. On f15 only the
+successes count, where pygmo had 21 of 30: 13 is the 0.1 % point of a binomial
+distribution with 0.7.""",
     ),
     "cec2014": Table(
         "CEC 2014 in 10-D: L-SHADE",

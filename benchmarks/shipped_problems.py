@@ -51,9 +51,10 @@ states its limit.
 - Catalyst mixing: in the closed form the share of the first catalyst is 1, then 0.2271,
   then 0; the times of both switches and the middle share are the best ones, computed by
   matrix exponentials. The 0.0480559 of COPS 3 is 4.5e-6 above this value (claim 3).
-- Hypersensitive problem: along an optimum `x'^2 = x^2 + x^6 + c`; with the c for which
-  both branches take 10 s, the cost is an integral over x. On a horizon without end c is
-  0 and the cost 1.3308069, 7e-5 more.
+- Hypersensitive problem: along an optimum `x'^2 = x^2 + x^6 + c`; c is the one for
+  which the ways of x from 1.5 down to its least value and up to 1 take 10 s together;
+  the cost is then an integral over x. On a horizon without end, c is 0 and the cost is
+  1.3308069, 7e-5 more.
 - Brachistochrone, race car and Goddard rocket have a free end time; the values on their
   grids, and that of `lotka_volterra_fishing`, are those of CasADi's Opti with the same
   grid. COPS 3 rounds the rocket's 1.0128369 to 1.01284 (claim 3).
@@ -66,8 +67,9 @@ states its limit.
 - Bifunctional catalyst: ten constant blends belong to the problem. The yield of the
   best known blends is computed by matrix exponentials, and equals the published 10.0942
   (claim 2).
-- Batch reactor: the first plan of do-mpc's example without its penalty of moves; each
-  step of time is paid for, so the grid belongs to the problem.
+- Batch reactor: the first plan of do-mpc's example, without the penalty of changes of
+  the control; the cost is a sum over the steps of time, so the grid belongs to the
+  problem.
 - Lynx and hares: an estimate, with a free initial state, four free parameters and their
   priors, and the weather of each year. SciPy's least squares with DOP853 leave
   14.1312985 (claim 2); the rates are within a standard deviation of those that

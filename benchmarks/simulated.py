@@ -204,7 +204,8 @@ def finding(worst: Mapping[str, Mapping[str, float]], seeds: int) -> str:
         for method in METHODS
     }
     found = (
-        "Three simulators are used without their formulas. On "
+        "Three simulators, of a reactor, an arm and a car, are used without their "
+        "formulas. On "
         f"{len(near['surrogate'])} of {len(worst)}, plans by a surrogate model that is "
         f"fitted to at most {ROLLOUTS} rollouts cost at most {NEAR:.0%} more than the "
         f"true optimum, with each of {seeds} seeds; CMA-ES with as many rollouts "

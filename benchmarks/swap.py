@@ -109,7 +109,7 @@ def starts_of(
             f"straight lines, {noise:g} m of noise": (99, shaken(noise))
             for noise in NOISES_M
         },
-        "a member at random": (99, drawn),
+        "random paths": (99, drawn),
     }
 
 

@@ -282,15 +282,17 @@ def page(
         "",
         f"Made by `{command}`, on one of {os.cpu_count()} cores. The rules are those "
         "of [committed plans](../explanation/committed_plans.md). Starts are random in "
-        f"a cube and {APART * DISTANCE:.2g} m apart, if distances are measured with z "
-        f"halved, and so are goals; the least distance is {DISTANCE} m; accelerations "
-        f"to 1 m/s^2 and speeds to 2 m/s along each axis; {SECONDS:g} s; a tick is 50 "
-        "ms, a step 0.1 s. A flight has a collision if a lower bound of the distance "
-        "of two vehicles, which also holds between samples, is below the least "
-        "distance. A plan lasts 30 s at most, or half of a longer flight. The cube "
-        "holds the starts and goals; the vehicles may leave it. The path ratio is the "
-        "median of the length of a path divided by the straight line from its start to "
-        "its goal.",
+        f"a cube, {APART * DISTANCE:.2g} m or more apart if distances are measured "
+        "with z halved, and so are goals. The vehicles keep a least distance of "
+        f"{DISTANCE} m. They accelerate by up to 1 m/s^2 and move at up to 2 m/s along "
+        f"each axis. A flight takes at most {SECONDS:g} s if its row has no other "
+        "time. Vehicles exchange messages once a tick, which is 50 ms, and a step is "
+        "0.1 s. A flight has a collision if a lower bound of the distance of two "
+        "vehicles, which also holds between samples, is below the least distance. "
+        '"12 in 1.59 m" means 12 vehicles in a cube with sides of 1.59 m. A plan lasts '
+        "30 s at most, or half of a longer flight. The cube holds the starts and "
+        "goals; the vehicles may leave it. The path ratio is the median of the length "
+        "of a path divided by the straight line from its start to its goal.",
         "",
         *bar_table(
             Bar(words, relation, bound, float(measured))

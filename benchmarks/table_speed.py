@@ -179,11 +179,12 @@ _HEAD = f"""# How fast tables are evaluated
 Made by `python benchmarks/table_speed.py --write docs/measured/table_speed.md`. One
 thread, {POPULATION} individuals, times for one of them; the three contestants of a row
 have the same points and take turns of some 10 ms, numbers are medians. Ratios of one
-run can be compared, nanoseconds of different runs cannot. Before they are timed their
-values are compared. "map" is `casadi.interpolant` in an SX function, evaluated by
-CasADi's map; "read" the same function in machine code, the interpolant read from its
-serialisation; `table` is `swarmstart.table`. All are called from Python. A rollout
-takes four substeps of RK4 in each interval, so about 800 evaluations of the table.
+run can be compared, nanoseconds of different runs cannot. Before the timing, the values
+of the three are compared. "map" is `casadi.interpolant` in an SX function, evaluated by
+CasADi's map; "read" is the same function in machine code, which reads the table from
+the serialised interpolant; `table` is `swarmstart.table`. All are called from Python. A
+rollout takes four substeps of RK4 in each interval, so about 800 evaluations of the
+table.
 
 """
 

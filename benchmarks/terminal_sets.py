@@ -32,14 +32,25 @@ BLOCK = 50_000
 _HEAD = """# Proven and refuted levels
 
 Made by `python benchmarks/terminal_sets.py --samples {number}`. Refuted: the lowest
-level e'Pe found at which a deviation e exists whose e'Pe does not decrease (a local
-answer; for held inputs the integrator's margin is included). Gap: refuted over proven,
-minus 1. If nothing is refuted, the level is that of the bounds or, for the tank, the
-largest within the model's domain. Seconds: the last proof alone. Violations: of
-{samples} random states of the set, half of them on its edge, simulated for one hold (or
-1 s) by another integrator (DOP853, 1e-10), the number that broke an input's bound, left
-the set at the end, or did not decrease. New: the system was not tried before the proof
-was finished, and nothing was changed afterwards.
+level e'Pe found at which a deviation e exists whose e'Pe does not decrease (found by a
+local solver, so that a lower one may exist; for held inputs the integrator's margin is
+included). Gap: refuted over proven, minus 1. If nothing is refuted, the level is that
+of the bounds or, for the tank, the largest within the model's domain. Seconds: the last
+proof alone. Violations: of {samples} random states of the set, half of them on its
+edge, simulated for one hold (or 1 s) by another integrator (DOP853, 1e-10), the number
+that broke an input's bound, left the set at the end, or did not decrease. New: the
+system was not tried before the method of proof was finished, and nothing was changed
+afterwards.
+
+e is the deviation from the reference. Q_m = Q* means that e'Pe must decrease by at
+least e'Q* e a second, with Q* = Q + K'RK of the linear law. "Formation" is a UAV of the
+[formation flight](../chapter/formation.md) with inputs held for 1 s, with and without
+the bounds of its inputs; "close formation" is the wingman of the [close
+formation](../chapter/close_formation.md), whose height follows its command with a lag
+of first order (5 states) or of second order (6 states). "Pole of the damping", "tank",
+"thin jump", "thin bump" and "nearly a centre" are made to mislead a proof: a division
+by zero, a root of a negative number, growth that sets in within 1e-6 of a radius or
+only within 1e-3 of it, and a damping of 1e-6 that ends at a radius.
 
 """
 

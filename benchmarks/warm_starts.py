@@ -43,10 +43,10 @@ Made by `python benchmarks/warm_starts.py --write docs/measured/warm_starts.md`:
 iterations of IPOPT in a call of `solve`, summed over twelve problems (active
 constraints, free end time, soft constraints, rate limits, blocks, linear controls,
 collocation, ensembles, maximised), and in brackets the number of problems in which a
-guess takes fewer than a cold call. [Warm starts that
+call with a guess takes fewer iterations than a cold call. [Warm starts that
 travel](../answers.md#warm-starts-that-travel) shows how to use it. With
-[lanes](../glossary.md#lane), IPOPT polishes their best answers as well as the guess, so
-little is saved.
+[lanes](../glossary.md#lane), IPOPT polishes the best answers of the lanes as well as
+the guess, so a guess saves nothing on nearly all problems.
 
 Made on another machine, the rows of a problem may differ: every number by 20 % or 3,
 whichever is more.

@@ -76,11 +76,12 @@ class Origin:
     """Place of a local frame on the earth.
 
     Attributes:
-        latitude: Latitude of its origin [deg].
-        longitude: Longitude of its origin [deg].
-        altitude: Height of its origin above the reference ellipsoid of the earth [m].
-        heading: Direction of its x axis, clockwise from north; y is to the left of x
-            [deg].
+        latitude: Latitude of the frame's origin [deg].
+        longitude: Longitude of the frame's origin [deg].
+        altitude: Height of the frame's origin above the reference ellipsoid of the
+            earth [m].
+        heading: Direction of the frame's x axis, clockwise from north; y is to the left
+            of x [deg].
 
     Raises:
         ExportError: If a number is not finite, or no place on the earth, or the place

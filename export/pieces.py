@@ -1,12 +1,13 @@
 """Polynomials over windows of time that follow a path, with their error.
 
 The path between its samples is a cubic spline. Over n windows, a spline of the wanted
-degree is fitted to it by least squares, with the ends pinned; n is doubled until the
-fitted spline is near enough to every sample. Of degree k, it has k - 1 continuous
-derivatives.
+degree is fitted to this path by least squares, with both ends of the path kept exactly;
+n is doubled until the fitted spline is near enough to every sample. A fitted spline of
+degree k has k - 1 continuous derivatives.
 
-Two divisions into windows are tried: equal lengths, and lengths that fall with the cube
-root of the path's third derivative. The nearer fit is kept.
+Two divisions into windows are tried: windows of equal length, and windows that are the
+shorter, the larger the cube root of the path's third derivative is. The nearer fit is
+kept.
 """
 
 from __future__ import annotations

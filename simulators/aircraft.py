@@ -68,7 +68,8 @@ class Autopilot:
 
     Attributes:
         throttle: Gain from the error of speed to the throttle [1/(m/s)].
-        throttle_integral: Gain from the integral of that error to the throttle [1/m].
+        throttle_integral: Gain from the integral of the error of speed to the throttle
+            [1/m].
         heading: Gain from the error of heading to the turn rate [1/s].
         bank_max: Largest bank angle [rad].
         roll: Gain from the error of bank to the aileron [1/rad].

@@ -1,4 +1,4 @@
-"""Content of an FMU, read without running anything of it."""
+"""Content of an FMU, read without running any of its code."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Described:
     Attributes:
         file: Path of the FMU.
         version: "2.0" or "3.0".
-        identifier: Name of its library.
+        identifier: Name of the FMU's library.
         token: Identifier (GUID) that the library compares when it is loaded.
         can_restore: True if the FMU's state can be saved and restored.
         variables: Name of each variable that is a scalar of 64 bits -> its description

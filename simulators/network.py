@@ -58,7 +58,7 @@ class OnnxPlant(Called):
         Args:
             file: Path of the network, one file without data in other files.
             states: Names of the states, in the order of the input and the output.
-            controls: Names of the controls, which follow them in the input.
+            controls: Names of the controls, which follow the states in the input.
             dt: Length of the step that the network was trained for [s].
             gives_change: Whether the output of the network is the change of the state;
                 if False, it is the state after the step.

@@ -2,11 +2,11 @@
 
 The surrogate loop: a correction of the problem's model is fitted to roll-outs, a plan
 is made with the corrected model, by a local solver from several starts and by IPOPT,
-and this plan is simulated. The fit is made again with its roll-out, until predicted and
-simulated costs agree and plans get no better. If the costs never agree, or no surrogate
-is wanted, a population search makes the roll-outs that are left. Each roll-out begins
-the simulator at the initial state, in a process; a crash, a hang or a NaN costs that
-roll-out alone.
+and this plan is simulated. The fit is made again with the roll-out of the plan, until
+predicted and simulated costs agree and plans get no better. If the costs never agree,
+or no surrogate is wanted, a population search makes the roll-outs that are left. Each
+roll-out begins the simulator at the initial state, in a process; a crash, a hang or a
+NaN costs that roll-out alone.
 
 An answer is feasible at best: without derivatives of the simulator no optimum is shown.
 """
@@ -130,8 +130,8 @@ class SimulatedPlan:
         controls: Controls held over the intervals, shape (nu, N).
         cost: Cost of the roll-out; the larger the better if the problem maximises.
         violation: Sum of the scaled excesses over constraints.
-        status: FEASIBLE or INFEASIBLE, by the simulator's own steps: there is no finer
-            grid that confirms it.
+        status: FEASIBLE or INFEASIBLE, judged by the simulator's own steps: no
+            simulation in finer steps confirms the plan.
         reason: Reason why the search ended, and what the rounds gained, in words.
         rollouts: Number of roll-outs, failed ones included.
         failures: Kind of failure -> number of roll-outs that failed so.

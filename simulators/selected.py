@@ -88,8 +88,9 @@ class SelectedPlant(Called):
 
         Args:
             simulator: The simulator, with names of its states and controls.
-            states: Names of its states, in the new order.
-            controls: Names of its controls, in the new order.
+            states: Names of the simulator's states that are chosen, in the new order.
+            controls: Names of the simulator's controls that are chosen, in the new
+                order.
             start: Name of a state that is not chosen -> its value at the start of a
                 run; 0 if it is not given.
             held: Name of a control that is not chosen -> its value; 0 if it is not

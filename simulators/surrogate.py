@@ -1,22 +1,23 @@
 """A formula that is fitted to roll-outs of a simulator, for plans with derivatives.
 
-The rates of a model get a correction, polynomials of states and controls,
+The rates f of a model get a correction by polynomials of states and controls,
 
     x' = f(x, u, p) + W m(z) + r(t),    z = ((x, u) - centre) / size
 
-with all monomials m up to a degree; of degrees that have too many, only the powers of
-one state or control. W is found by least squares of the states after each step of all
-roll-outs, with r = 0:
+with W a matrix of factors, r a function of time, and m all monomials of z up to a
+degree; if a degree has too many of them, only the powers of one state or control are
+taken. W is found by least squares of the states after each step of all roll-outs, with
+r = 0:
 
     minimise  sum of w |(x_k+1 - F(x_k, u_k, W)) / h|^2 + small |W|^2
 
 F is one step of the classical Runge-Kutta method, h the length of the simulator's step,
-and w the weight of a roll-out. A few Newton steps solve it. They take the slope of F in
-W as h times the mean of m over the step, by Simpson's rule, so that the rows of W are
-independent. Of several degrees, the one is used whose fit to three quarters of the
-roll-outs best predicts the others; the last fit uses all roll-outs. Finally r is set to
-the errors that W leaves along the roll-out of the largest weight, so that the formula
-repeats that roll-out.
+w the weight of a roll-out, and `small` a small number. A few Newton steps solve this
+problem. They take the slope of F in W as h times the mean of m over the step, by
+Simpson's rule, so that the rows of W are independent. Of several degrees, the one is
+used whose fit to three quarters of the roll-outs best predicts the others; the last fit
+uses all roll-outs. Finally r is set to the errors that W leaves along the roll-out of
+the largest weight, so that the formula repeats that roll-out.
 """
 
 from __future__ import annotations
@@ -69,8 +70,8 @@ class Fit(NamedTuple):
         parameters: W, centre and size, after the model's own parameters.
         rest: r at the start and after each step, shape (nx, steps + 1).
         degree: Degree of the polynomials.
-        error: Root mean square of the errors of a step that the fit has not seen,
-            relative to the change of the state in it.
+        error: Root mean square of the errors of steps that the fit has not seen,
+            relative to the change of the state in a step.
     """
 
     parameters: Array
@@ -80,7 +81,7 @@ class Fit(NamedTuple):
 
 
 class Correction:
-    """A problem whose rates have a correction with parameters; built once.
+    """A problem whose rates have a correction with parameters; built once for all fits.
 
     Attributes:
         problem: The problem with the correction.

@@ -64,7 +64,7 @@ class Failure:
 
 
 class Workers:
-    """Processes with a simulator each. Use as a context, which ends them."""
+    """Processes with a simulator each; as a context manager it ends the processes."""
 
     def __init__(self, simulator: Steps, *, count: int, limit_s: float) -> None:
         """Start no process yet.

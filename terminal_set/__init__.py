@@ -1,10 +1,10 @@
 """Terminal sets, in which a linear law takes over, and their proofs.
 
-For x' = f(x, u) near a reference (x_ref, u_ref): a gain K, a matrix P and a level alpha
-such that inside {e : e'Pe <= alpha} the law u = u_ref - K (x - x_ref) respects the
-bounds and e'Pe decreases. `certified_terminal_set` takes all steps: linearisation, the
-matrix equations of K and P, the largest level that the bounds allow, and the largest
-level up to it that can be proven.
+The set of x' = f(x, u) around a reference (x_ref, u_ref) is {e : e'Pe <= alpha}, with
+the deviation e = x - x_ref, a matrix P and a level alpha. Inside it, under the law u =
+u_ref - K e with a gain K, all bounds hold, and e'Pe decreases. `certified_terminal_set`
+takes all steps: linearisation, the matrix equations of K and P, the largest level that
+the bounds allow, and the largest level up to it that can be proven.
 """
 
 # ruff: noqa: I001  (it would write one statement for each name)

@@ -4,13 +4,13 @@
 
 The file is a certificate of a terminal set, of a lower bound, or of a swarm's flight.
 Everything that it labels "proven" is proven again, by branch and bound with Taylor
-models, or by separating planes; all else that a terminal set states is sampled. There
-is one exception: for a held input the integrator's error is only sampled. The library
-proves it, and this program does not. Points, matrices and the drift of a terminal set's
-reference are computed in the ball arithmetic of python-flint; the value of a lower
-bound is computed in exact fractions. The file may contain only statements in the words
-of the format; one line for each says whether it was proven. Nothing in the file is
-executed or printed unescaped.
+models, or by separating planes; all else that the certificate of a terminal set states
+is only sampled. There is one exception: for a held input the integrator's error is only
+sampled. The library proves it, and this program does not. Matrices and the drift of a
+terminal set's reference are computed in the ball arithmetic of python-flint; the value
+of a lower bound is computed in exact fractions. The format has a fixed text for each
+statement, and the file may contain no others; one line for each statement says whether
+it was proven. Nothing in the file is executed or printed unescaped.
 
 The last line names what was only sampled.
 

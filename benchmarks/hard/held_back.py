@@ -189,9 +189,9 @@ def page(results: Sequence[Held], command: str, seeds: int) -> list[str]:
         "same problem. The best known cost is the least confirmed one of all runs, "
         "with those of "
         + " and ".join(f"`{m}` ({s:g} s)" for m, s in REFERENCES.items())
-        + "; an optimum that none of them finds is missing here. The intervals are "
-        "computed as if all runs were independent, which runs on the same problem are "
-        "not.",
+        + ", which is IPOPT from paths of probabilistic roadmaps; an optimum that none "
+        "of them finds is missing here. The intervals are computed as if all runs were "
+        "independent, which runs on the same problem are not.",
         "",
         *_families(results),
         "",

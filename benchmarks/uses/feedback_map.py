@@ -44,14 +44,14 @@ The problem is the same from the mirrored state (-angle, -speed). "Mirrored" is 
 share of answers that cost at most 1e-3 more than the answer from the mirrored state;
 the computation does not use this symmetry. "As cheap as `solve`" is the share of 40
 answers, drawn from all, that cost at most 1e-3 more than the answer of `ss.solve` from
-the same state with its default search. A "border" is where the controls of two
-neighbours along the angle differ by more than 1 in the mean: the two answers then
-belong to different [basins](../glossary.md#basin). Jumps are medians of the absolute
-differences between neighbours. Where two branches of the cost cross, it has a kink and
-the first control jumps; a "step" is a border at which the cost jumps by more than 3,
-too: on one side the motor can still catch the pendulum, on the other it needs one more
-swing. To see whether the higher costs there are optimal, 40 of those answers are
-compared with `solve`.
+the same state with its default search. A "border" lies between two states that are
+neighbours along the angle and whose controls differ by more than 1 in the mean: the two
+answers then belong to different [basins](../glossary.md#basin). Jumps are medians of
+the absolute differences between neighbours. Where two branches of the cost cross, it
+has a kink and the first control jumps; a "step" is a border at which the cost jumps by
+more than 3, too: on one side the motor can still catch the pendulum, on the other it
+needs one more swing. To see whether the higher costs at steps are optimal, 40 answers
+on the side of the higher cost are compared with `solve`.
 
 """
 

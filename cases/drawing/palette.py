@@ -3,9 +3,9 @@
 The colours are the outcome of a search (simulated annealing over lightness, chroma and
 hue) for the twelve whose least distance in OKLab is greatest, as seen with full colour
 vision and with protanopia, deuteranopia and tritanopia, each at least 3:1 against the
-page; the dark page's have the hues of the light page's. The first ones differ most.
-Twelve colours alone cannot be told apart by every reader, nor in grey print: hence
-dashes and marks.
+page; the colours of the dark page have the hues of those of the light page. The first
+colours differ most. Twelve colours alone cannot be told apart by every reader, nor in
+grey print: hence dashes and marks.
 
 Sources: Ottosson (2020), "A perceptual color space for image processing" (OKLab);
 Machado, Oliveira and Fernandes (2009), "A physiologically-based model for simulation of

@@ -1,4 +1,4 @@
-"""Distance of a run from the limits of each constraint, along its fine path, drawn.
+"""Figures of the distance from the limits of each constraint, along a run's fine path.
 
     slack   value - lower, upper - value, or the smaller of both: negative if broken
     off     value - limit of an equality: any value but 0 breaks it

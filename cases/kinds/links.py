@@ -26,10 +26,10 @@ class Silence(Part):
 
 
 class LinksPart(Part):
-    """Links: each vehicle broadcasts to all others at every tick.
+    """Links: in every tick, a part of a step, each vehicle broadcasts to all others.
 
     Attributes:
-        ticks: Number of ticks in a step.
+        ticks: Number of ticks, which are equal parts of a step, in a step.
         most_delay: Number of ticks by which a message can be late: it takes 1 to 1 +
             most_delay ticks.
         loss: Probability that a message is lost, for each receiver.

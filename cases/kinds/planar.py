@@ -12,16 +12,17 @@ position [m]; those of several are stacked, UAV after UAV. Both models have
 
 `bank_to_turn`, an aircraft that turns by banking (5.30): v' = a, psi' = g sin(phi) / v,
 with the controls (a, phi), acceleration [m/s^2] and bank [rad]; or (T, phi), thrust and
-bank, with
+bank, with the drag D and
 
     a = g (T - D) / W          thrust_equation "newton": W is the weight [N]
     a = (T - D) / W            "printed", as in (5.30): W stands for the mass
 
-A coordinated turn has g tan(phi) / v, turn "tan"; (5.30) prints sin, turn "sin". The
-heading rate divides by the speed, so that v = 0 is not allowed.
+The turn rate of a coordinated turn is g tan(phi) / v (turn "tan"); (5.30) prints sin
+(turn "sin"). The heading rate divides by the speed, so that v = 0 is not allowed.
 
-`shortest_assignment` has the least sum of squared distances. The common position of the
-targets does not matter: moving all of them by c adds
+`shortest_assignment` assigns targets q_a(i) to the n starts s_i with the least sum of
+squared distances. The common position of the targets does not matter: moving all of
+them by c adds
 
     n |c|^2 - 2 c' sum_i (s_i - q_a(i)),
 
@@ -322,7 +323,7 @@ class Thrust:
     Attributes:
         drag: D, constant [N].
         weight: W [N], positive.
-        equation: "printed" or "newton"; see the module's head.
+        equation: "printed" or "newton"; see the module's docstring.
     """
 
     drag: float

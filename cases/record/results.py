@@ -81,8 +81,8 @@ class Record:
         folder: The folder.
         summary: run.json of a run, result.json of a saved result; see docs/record.md.
         arrays: The arrays by name, as stored.
-        trajectory: The simulated trajectory; None in the record of a Solution. Its
-            plans have no states.
+        trajectory: The simulated trajectory, whose plans have no states; None in the
+            record of a Solution.
         scenario: The scenario as it was run, as plain data; None in a saved result.
         multipliers: Multipliers of the answer, or of the first plan of a run; None if
             no solver converged to it, or the record is of an older version.

@@ -1,10 +1,10 @@
 """Writer of C99 that has the methods of the writer of machine code (ocp/compiled).
 
 So the functions that write machine code, operation by operation, write C as well, with
-one number in place of a vector; C and machine code compute the same. A product in a sum
-is rounded in C, since not every processor has a fast `fma`; constants are hexadecimal,
-so that no digit is lost. Where machine code calls the C library, outside the range of
-its own methods, the value in C is NaN.
+one number in place of a vector of numbers; C and machine code compute the same values.
+A product in a sum is rounded in C, since not every processor has a fast `fma`;
+constants are hexadecimal, so that no digit is lost. Where machine code calls the C
+library, outside the range of its own methods, the value in C is NaN.
 """
 
 import math

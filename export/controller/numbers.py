@@ -1,4 +1,4 @@
-"""Constants that the C file and its twin in the library (`twin.py`) share."""
+"""Constants that the C file and the same controller in Python (`twin.py`) share."""
 
 from enum import IntEnum
 

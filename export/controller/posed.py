@@ -42,10 +42,12 @@ class PosedController:
         known: Parameters and signals of the core at the start.
         stated: Number of states of the user's problem, the first ones of the core;
             further states of the core hold past controls.
-        lane: The kernels and arrays of a local solve, for one start.
+        lane: The kernels (machine code) and arrays of a local solve from one start.
         remembered: Initial values of the further states.
-        first: Controls of the first plan, shape (nu, N).
-        starts: Knots of the seeded starts, shape (starts, nu, knots).
+        first: Controls of a plan that the library makes at `x0`, with which the C code
+            begins, shape (nu, N).
+        starts: Random controls, given at knots, from which plans are solved if the last
+            plan leads to no feasible one, shape (starts, nu, knots).
         append: Name of the rule for the controls that a shifted plan ends with.
         terminal_set: The set in which the linear law acts; None: there is none.
         noise: Largest rise of the cost that counts as noise.

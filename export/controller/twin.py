@@ -1,7 +1,7 @@
 """A controller that decides as an exported C file does, by the library's own code.
 
 It makes the same decisions as controller.c, plan by plan, with the library's machine
-code. So a C file can be compared with code that the writer of C has not written.
+code. So a C file can be compared with code that was not written as C.
 """
 
 from typing import NamedTuple
@@ -48,7 +48,7 @@ class Twin:
     """
 
     def __init__(self, one: PosedController, *, iterations: int) -> None:
-        """Compile the lanes.
+        """Compile the local solver of the lanes.
 
         Args:
             one: The numbers and functions that the C file is made of.

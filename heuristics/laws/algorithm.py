@@ -111,7 +111,7 @@ class State(Protocol):
 
 
 class CommonFields(NamedTuple):
-    """The shared fields of `State`, in the order in which every state begins."""
+    """The fields of `State`, in the order in which each state begins with them."""
 
     generation: Count
     progress: Array
@@ -264,7 +264,7 @@ class OfFixedSize:
 
 
 class BoundHandled:
-    """Base of the settings with a `bound_handling`; refuses its old name `bounds`.
+    """Base of settings with a `bound_handling`; the former name `bounds` is refused.
 
     Raises:
         InvalidSettingsError: If `bounds` is given, which is a keyword of `minimize`.

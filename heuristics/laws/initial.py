@@ -14,7 +14,9 @@ by a first-order autoregressive process,
 
     z_0 = n_0,  z_k = r z_k-1 + sqrt(1 - r^2) n_k,  r = exp(-1 / steps),  u_k = Phi(z_k)
 
-with n_k standard normal and Phi its distribution: correlated over the whole sequence.
+with n_k standard normal, Phi the normal distribution function, `steps` the number of
+time steps, and u_k the value at step k as a share of the range: correlated over the
+whole sequence.
 """
 
 from __future__ import annotations

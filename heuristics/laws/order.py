@@ -11,14 +11,14 @@ Feasibility first (Deb 2000), with feasible meaning violation <= tolerance:
                           or both infeasible and violation_a < violation_b
 
 Epsilon level (Takahama and Sakai 2006): feasibility first, with a tolerance that
-shrinks to the final one during the search. With v_0 the violation of a quantile of the
-initial population and p the fraction of the budget used,
+shrinks to the final one during the search. With v_0 the quantile q of the violations of
+the initial population, p the fraction of the budget used, and settings p_c and c,
 
     epsilon = max(tolerance, v_0 (1 - p / p_c)^c)   for p < p_c,  tolerance after
 
 As published, the level depends on the budget alone. On problems whose feasible points
 are easily found, the population then spends most of the budget on a relaxed problem
-whose optimum is infeasible. Here the level is also at most the same quantile q of the
+whose optimum is infeasible. Here the level is also at most the quantile q of the
 violations v_g of the last generation evaluated:
 
     epsilon = max(tolerance, min(v_0 (1 - p / p_c)^c, quantile_q(v_g)))

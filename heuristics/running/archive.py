@@ -1,7 +1,7 @@
 """The best distinct basins that a search has met.
 
-Two points belong to one basin if they are near each other in the box: with widths w,
-the mean taken over the variables that are not fixed,
+Two points a and b belong to one basin if they are near each other in the box. With the
+widths w of the box, and the mean over the variables d that are not fixed, this means
 
     sqrt(mean_d ((a_d - b_d) / w_d)^2) < radius
 

@@ -1,10 +1,10 @@
 """A population search whose best distinct members are improved by local solves.
 
-Local solves run between generations, whenever they have used less than their share of
-the evaluations so far. They start from the best distinct basins that were not improved
-yet (`archive`). Their results replace as many individuals of the next generation, are
-evaluated like these, and survive by the same selection. So the population learns of
-local optima, and searches between and beyond them.
+Local solves run between generations, whenever all of them have used less than their
+share of the evaluations so far. They start from the best distinct basins that were not
+improved yet (`archive`). Their results take the places of as many individuals of the
+next generation, are evaluated like all individuals, and survive by the same selection.
+So the population receives local optima, and searches between and beyond them.
 
 The budget also pays for the local solves: each reports its cost in evaluations.
 

@@ -103,7 +103,8 @@ def minimize(  # noqa: PLR0913
         order: Order of individuals; None means `default_order()`.
         initial: Options of the initial population, or its first points; as in `Search`.
         basins: Number of best distinct basins that are kept (`archive`).
-        radius: Least distance between two of them, a fraction of the box's widths.
+        radius: Least distance between two of these basins, a fraction of the box's
+            widths.
         on_generation: Function that is called with a `GenerationEvent` after each
             generation; it may raise StopIteration to end the search.
         on_advance: Function that is called now and then with the number of evaluations

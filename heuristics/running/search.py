@@ -168,7 +168,8 @@ class Search:
             evaluations: Budget in evaluations, for algorithms whose population depends
                 on it; None if it is not known.
             basins: Number of best distinct basins that are kept (`archive`).
-            radius: Least distance between two of them, a fraction of the box's widths.
+            radius: Least distance between two of these basins, a fraction of the box's
+                widths.
             snapshot: Snapshot of a search with the same arguments, which is continued
                 bit for bit: the state of `rng` is set too. It excludes `initial`.
 
@@ -262,7 +263,7 @@ class Search:
 
     @property
     def nonfinite(self) -> int:
-        """Number of these individuals whose cost or violation was not finite."""
+        """Number of individuals so far whose cost or violation was not finite."""
         return int(self._state.nonfinite[0])
 
     def finished(self, limits: Limits) -> int:

@@ -1,6 +1,7 @@
 """Chaotic particle swarm of chapter 5 (Duan and Liu 2010).
 
-The swarm of (2.11) (see `swarm`) with an inertia that falls during the run,
+This is the swarm of (2.11) (see `swarm`), with ps particles at p_i, an inertia w that
+falls during the run,
 
     w = w_max - iter_k (w_max - w_min) / iter_max                            (5.19)
 
@@ -8,16 +9,17 @@ and reseeding: as soon as the particles have come together,
 
     D(iter_k) = 1 / (ps L) sum_i |p_i - P| < eps,    P the mean of the p_i   (5.18)
 
-the worse half is placed anew by the logistic map
+(eps a threshold, L the length of the search space) the worse half is placed anew by
+numbers Z_n of the logistic map
 
     Z_{n+1} = mu Z_n (1 - Z_n),    mu = 4                                    (5.17)
 
 The numbers of this map follow the arcsine law, Beta(1/2, 1/2): they crowd at 0 and 1.
 The map runs in float64; in float32 its orbits soon fall into the fixed point 0.
 
-Source: chapter 5, section 5.2.3.3, eq. (5.17)-(5.19), steps 4 to 8; Duan and Liu
-(2010); the map: May (1976), Nature 261. The docstring of `ChaoticPSO` says how gaps of
-the text are filled.
+Source: chapter 5 of the book (docs/chapter), section 5.2.3.3, eq. (5.17)-(5.19), steps
+4 to 8; Duan and Liu (2010); the map: May (1976), Nature 261. The docstring of
+`ChaoticPSO` says how gaps of the text are filled.
 """
 
 import math
@@ -237,11 +239,12 @@ class ChaoticPSO(OfFixedSize, BoundHandled):
       dozens of generations at the bound that its first velocity points to.
     - (5.18) is measured on the positions that were evaluated last, before they move,
       on raw coordinates. A swarm whose particles all start at one point (the shifted
-      last plan) has D = 0 and reseeds at once, which then initialises it.
+      last plan) has D = 0 and reseeds at once; this reseeding spreads half of the
+      particles.
     - Reseeded particles then move like all others. Personal bests and velocities are
       kept.
-    - Step 7 ends "go to Step 4", which would initialise for ever; here it goes to
-      Step 5.
+    - Step 7 ends "go to Step 4", which would initialise the swarm for ever; here Step 5
+      follows.
     - The text keeps particles in the box by `clip`, which keeps their velocities.
     - iter_k / iter_max of (5.19) is the fraction of the evaluation budget used.
 

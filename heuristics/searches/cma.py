@@ -1,7 +1,10 @@
 """CMA-ES with a population that doubles at each restart (IPOP).
 
-In coordinates scaled to the unit box, those that are fixed left out, with x_i:lambda
-the i-th best individual,
+In coordinates scaled to the unit box, without those that are fixed, the n variables
+have the mean m, the step size sigma and the covariance C, whose axes are the columns of
+B, with the lengths D. p_sigma and p_c are the paths of step size and covariance, and
+w_i weights, of which the first mu are positive. With x_i:lambda the i-th best of lambda
+individuals,
 
     x_i = m + sigma B D z_i,    z_i standard normal,  C = B D^2 B'        (38)-(40)
     y_i = (x_i:lambda - m) / sigma,    y_w = sum_{i <= mu} w_i y_i            (41)
@@ -14,10 +17,11 @@ the i-th best individual,
     C       <- (1 + c_1 delta(h_sigma) - c_1 - c_mu sum w) C
                + c_1 p_c p_c' + c_mu sum_i w_i' y_i y_i'                      (47)
 
-The constants are those of `cma_constants`. The search begins with the initial
-population, whose best individual is the first mean; after a restart (`cma_restarts`)
-the mean is drawn uniformly in the box. The best point seen is kept through all
-restarts.
+h_sigma is 0 after a long p_sigma, else 1, and delta(h) = (1 - h) c_c (2 - c_c). The
+constants are those of `cma_constants`. Numbers such as (38) are equations of Hansen
+(2016). The search begins with the initial population, whose best individual is the
+first mean; after a restart (`cma_restarts`) the mean is drawn uniformly in the box. The
+best point seen is kept through all restarts.
 
 An individual that leaves the box is evaluated where `bound_handling` brings it back,
 and enters the update as it was sampled. So the method is CMA-ES without bounds for the

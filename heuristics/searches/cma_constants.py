@@ -1,6 +1,6 @@
 """Weights and learning rates of CMA-ES, from dimension and population size.
 
-The equation numbers are those of the tutorial's appendix A.
+Numbers such as (8) are equations of the tutorial below.
 
 Source: Hansen (2016), The CMA evolution strategy: a tutorial, arXiv:1604.00772v1,
 Table 1 and eq. (48)-(58).

@@ -1,7 +1,7 @@
 """Criteria for restarting a CMA-ES.
 
-With n variables that are not fixed, lambda individuals, and g generations since the
-last start:
+With n variables that are not fixed, lambda individuals, g generations since the last
+start, the step size sigma_0 of that start, and the other symbols as in `cma`:
 
 max iterations  g >= 100 + 50 (n + 3)^2 / sqrt(lambda)
 TolHistFun      the best values of the last 10 + ceil(30 n / lambda) generations lie
@@ -24,7 +24,8 @@ unit, here it is equality up to roundings.
 
 Source: Hansen (2009), Benchmarking a BI-population CMA-ES on the BBOB-2009 function
 testbed, GECCO workshop, section 2; TolXUp as in Hansen's pycma, in place of TolUpSigma.
-Its history of at most 20 000 generations is shorter here: `record_length`.
+Hansen's history for Stagnation, of at most 20 000 generations, is shorter here:
+`record_length`.
 """
 
 import math

@@ -1,13 +1,14 @@
 """Differential evolution: DE/rand/1, DE/best/1, DE/current-to-best/1; bin and exp.
 
-For each individual x_i, with r1, r2, r3 distinct and none of them i, and best the best
-of the population,
+Each individual x_i gets a mutant v, with the weight F, indices r1, r2, r3 that are
+distinct and none of them i, and x_best the best of the population,
 
     v = x_r1   + F (x_r2 - x_r3)                                     (rand/1)
     v = x_best + F (x_r1 - x_r2)                                     (best/1)
     v = x_i    + F (x_best - x_i) + F (x_r1 - x_r2)                  (current-to-best/1)
 
-Crossover, with k a random coordinate that is not fixed and r uniform in [0, 1):
+Crossover makes the trial u, with k a random coordinate that is not fixed, and r and r_d
+uniform in [0, 1), drawn anew each time:
 
     u_d = v_d if r_d < CR or d = k, else x_id                        (bin)
     u_d = v_d for d = k, k + 1, ... as long as r < CR, at most once round, else x_id

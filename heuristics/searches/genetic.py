@@ -1,16 +1,16 @@
 """Real-coded genetic algorithm, the one that chapter 5 compares with.
 
-Parents are drawn by roulette on w_i = J_max - J_i, J the merits of `order`; each pair
-has, with probability p_c and one alpha uniform in [0, 1), the children
+Parents are drawn by roulette on w_i = J_max - J_i, with J the merits of `order` and
+J_max the largest. With the probability p_c, each pair a, b has the children
 
     alpha a + (1 - alpha) b   and   (1 - alpha) a + alpha b       (arithmetic crossover)
 
-else copies of the parents; each coordinate is, with probability p_m, drawn anew over
-the box (uniform mutation).
+with one alpha uniform in [0, 1), else copies of the parents as children. Then each
+coordinate is, with the probability p_m, drawn anew over the box (uniform mutation).
 
 Source: chapter 5, section 5.2.4 (real valued, size 20, p_c = 0.8, p_m = 1/n); the
-operators, which it does not name, are those of Michalewicz (1996), Genetic algorithms +
-data structures = evolution programs.
+operators, which the chapter does not name, are those of Michalewicz (1996), Genetic
+algorithms + data structures = evolution programs.
 """
 
 from dataclasses import dataclass

@@ -6,8 +6,9 @@ made, with r1 ... r4 uniform in [0, 1),
     F_i'  = F_l + r1 F_u  if r2 < tau_1, else F_i
     CR_i' = r3            if r4 < tau_2, else CR_i
 
-The trial is that of DE/rand/1/bin with F_i' and CR_i'; if it replaces its parent, they
-replace F_i and CR_i. All begin with F = 0.5 and CR = 0.9.
+with F_l = 0.1, F_u = 0.9 and tau_1 = tau_2 = 0.1. The trial is that of DE/rand/1/bin
+(`de`) with F_i' and CR_i'. If the trial replaces its parent, F_i' and CR_i' replace F_i
+and CR_i. All individuals begin with F = 0.5 and CR = 0.9.
 
 Source: Brest, Greiner, Boskovic, Mernik and Zumer (2006), Self-adapting control
 parameters in differential evolution: a comparative study on numerical benchmark

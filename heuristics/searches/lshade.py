@@ -2,7 +2,9 @@
 
 It has an archive of replaced parents and a population that shrinks.
 
-Trial of each individual x_i, with h a random slot of the memory:
+The memory has H slots, each with a weight M_F,h and a crossover rate M_CR,h. Trial u of
+each of the N individuals x_i, with h a random slot, k a random coordinate and r_d
+uniform in [0, 1):
 
     CR_i = N(M_CR,h, 0.1) cut to [0, 1]; 0 if M_CR,h is terminal
     F_i  = Cauchy(M_F,h, 0.1), drawn again while <= 0; 1 if above 1
@@ -11,10 +13,11 @@ Trial of each individual x_i, with h a random slot of the memory:
 
 x_pbest is one of the max(2, round(p N)) best, r1 an individual other than i, r2 one of
 the population or of the archive other than i and r1. A trial that is not worse replaces
-its parent; a parent that lost to a better trial goes to the archive, and F_i and CR_i
-of that trial go to S_F and S_CR. The archive holds at most round(r_arc N) members;
-surplus ones are deleted at random. After a generation with S_F not empty, with the
-improvements D_k and w_k = D_k / sum D, the next slot h of the memory, in turn, becomes
+its parent. A parent that lost to a better trial goes to the archive, and F_i and CR_i
+of that trial go to the lists S_F and S_CR. The archive holds at most round(r_arc N)
+members; surplus ones are deleted at random. After a generation with S_F not empty, let
+D_k be the improvement by the k-th entry of the lists, and w_k = D_k / sum D. The next
+slot h of the memory, in turn, becomes
 
     M_F,h  = sum w_k F_k^2 / sum w_k F_k                      (weighted Lehmer mean)
     M_CR,h = sum w_k CR_k^2 / sum w_k CR_k; terminal, for ever, once max S_CR = 0
@@ -23,7 +26,8 @@ The population loses its worst individuals, down to
 
     N = round(N_0 + (N_min - N_0) E / E_max)
 
-with E the evaluations so far. Published: H = 6, M_F = M_CR = 0.5 at first, p = 0.11,
+with E the evaluations so far, E_max those of the budget, and N_0 and N_min the sizes at
+the start and at the end. Published: H = 6, M_F = M_CR = 0.5 at first, p = 0.11,
 r_arc = 2.6, N_0 = 18 dim, N_min = 4.
 
 Differences from the paper, and points on which it is silent:

@@ -1,14 +1,15 @@
 """Particle swarm with constant coefficients, with a global best or on a ring.
 
-With r1, r2 uniform in [0, 1), drawn anew for each coordinate of each particle,
+A particle has the position x and the velocity v. With the inertia w, the accelerations
+c1 and c2, and r1, r2 uniform in [0, 1), drawn anew for each coordinate of each
+particle,
 
     v <- w v + c1 r1 (p - x) + c2 r2 (g - x),    |v| <= v_max                (2.11)
     x <- x + v
 
-p the particle's best point, g the best point of its neighbourhood (see `swarm`). The
-coefficients may be given as inertia and accelerations, or by constriction (Clerc and
-Kennedy), which is the same update with inertia and accelerations derived from phi =
-phi1 + phi2 > 4,
+with p the particle's best point, and g the best point of its neighbourhood (see
+`swarm`). w, c1 and c2 may also follow from a constriction (Clerc and Kennedy), which is
+the same update with a single number phi > 4,
 
     v <- chi (v + phi/2 r1 (p - x) + phi/2 r2 (g - x))
     chi = 2 / (phi - 2 + sqrt(phi^2 - 4 phi)),    w = chi,  c1 = c2 = chi phi / 2

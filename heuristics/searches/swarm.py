@@ -1,14 +1,16 @@
 """Common part of the particle swarms: velocities, positions and memories.
 
-With r1, r2 uniform in [0, 1), drawn anew for each coordinate of each particle,
+A particle has the position x and the velocity v. With the inertia w, the accelerations
+c1 and c2, and r1, r2 uniform in [0, 1), drawn anew for each coordinate of each
+particle,
 
     v <- w v + c1 r1 (p - x) + c2 r2 (g - x),    |v| <= v_max                (2.11)
     x <- x + v
 
-p is the best point that the particle has seen. g is its second attractor: the best
-point that any particle has seen (gbest), or the best p among itself and its nearest k
-particles on a ring, k/2 on each side (lbest). All particles move before any is
-evaluated.
+p is the best point that the particle has seen. g is the second point to which the
+particle is drawn: the best point that any particle has seen (gbest), or the best p of
+the particle itself and of the k nearest particles on a ring, k/2 on each side (lbest).
+All particles move before any is evaluated.
 
 Source: chapter 2, eq. (2.11); Shi and Eberhart (1998), A modified particle swarm
 optimizer, IEEE International Conference on Evolutionary Computation; the ring is that

@@ -1,7 +1,7 @@
 """Trials made of differences of individuals, shared by DE, jDE and L-SHADE.
 
-For each individual x_i, with the individuals numbered b, l, p and m, and the weight
-F_i,
+Each individual x_i gets a mutant v and a trial u, made with the individuals numbered b,
+l, p and m (`Plan`) and the weight F_i,
 
     v   = x_b + F_i (x_l - x_b) + F_i (x_p - x_m)                    (mutation)
     u_d = v_d if the crossover takes it from the mutant, else x_id
@@ -57,7 +57,7 @@ LARGEST_FLOAT = float(np.finfo(np.float64).max)
 
 
 class Plan(NamedTuple):
-    """The random choices for the trials of a generation.
+    """The random choices for the trials of a generation; b, l, p, m as in the module.
 
     Attributes:
         base: Index b of each trial, shape (size,).
@@ -223,8 +223,8 @@ def select(
 ) -> Mask:
     """Let a trial replace its parent if it is not worse.
 
-    Before generation 0 the costs of the parents are infinite, so that all its
-    individuals are accepted.
+    Before generation 0 the costs of the parents are infinite, so that all individuals
+    of generation 0 are accepted.
 
     Args:
         order: The order of individuals.

@@ -36,7 +36,7 @@ BY_LIBRARY = "proven by the library"
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Proof:
-    """The outcome of a proof.
+    """The outcome of a proof that e'Pe decreases; e is the deviation x - x_ref.
 
     Attributes:
         proven: Whether the change c(e) of e'Pe is negative everywhere in the ellipsoid
@@ -44,8 +44,8 @@ class Proof:
         alpha: Level of the ellipsoid, e'Pe <= alpha.
         boxes: Number of boxes examined.
         seconds: Wall time [s].
-        counterexample: A deviation at which c >= 0 or c is not a number, shape (nx,);
-            None if none was met.
+        counterexample: A deviation e at which c(e) >= 0, or c(e) is not a number, shape
+            (nx,); None if none was met.
         was_late: Whether a limit of seconds was met before the budget of work was
             spent: a faster machine may prove more.
     """
@@ -65,7 +65,8 @@ class Refutation:
     Attributes:
         alpha: e'Pe there: no level at or above it can be proven.
         e: The deviation, shape (nx,), read-only.
-        change: The change c(e) of e'Pe there, margin included, which is at least 0.
+        change: The change c(e) of e'Pe there, with the required margin added; at least
+            0.
     """
 
     alpha: float
@@ -83,7 +84,7 @@ class UnprovenSetError(SwarmstartError, ArithmeticError):
 
     Attributes:
         smallest: The smallest level that was tried.
-        refuted: The refuted level; None if none was refuted.
+        refuted: Lowest level with a known counterexample; None if none is known.
         work: The budget of work, in units of about a second.
     """
 
@@ -127,8 +128,9 @@ class Weights:
     Attributes:
         Q: State weight, (nx, nx), per second; per step for a held input.
         R: Input weight, (nu, nu), likewise.
-        kappa: Decay kept in reserve for the nonlinear part: of the slowest mode, in
-            1/s, if continuous; if sampled, a fraction of e'Pe per step.
+        kappa: Decay kept in reserve for the nonlinear part of the model: in 1/s, below
+            the decay of the slowest mode, in a continuous design; a fraction of e'Pe
+            per step in a sampled one.
 
     Raises:
         NotFiniteError: If Q or R holds NaN or infinity.
@@ -154,15 +156,19 @@ class Weights:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class HeldMargins:
-    """Margins for a held input: the proof is about the integrator's map, not the flow.
+    """Margins for a held input, for which the proof is about a map and not the flow.
+
+    The flow leads from the deviation e at a sample to the exact deviation later; the
+    map is the Runge-Kutta integrator's approximation of it. |v|_P is the root of v'Pv.
 
     Attributes:
         substeps: Number of Runge-Kutta steps in a hold.
         integrator_error: c with |flow - map|_P <= c |e|_P at all times of a hold, for
-            every e of the set; proven. |e|_P is the root of e'Pe.
+            every e of the set; proven.
         boxes: Number of boxes in the proof of that error.
-        growth: g with e'Pe <= g (e'Pe at the last sample) at all times, for the map;
-            for the flow the factor is (sqrt(g) + c)^2, with c the integrator's error.
+        growth: g such that, by the map, e'Pe is at all times at most g times e'Pe at
+            the last sample; for the flow the factor is (sqrt(g) + c)^2, with c =
+            `integrator_error`.
         growth_is_proven: Whether `growth` is proven; if not, it is measured, with a
             margin.
     """
@@ -178,16 +184,18 @@ class HeldMargins:
 class Certificate:
     """The facts shown for a law and an ellipsoid; arrays copied and read-only.
 
+    The law is u = u_ref - K e with the deviation e = x - x_ref.
+
     Attributes:
         dynamics: f(x, u) -> xdot.
         reference: Reference and bounds.
         K: Gain, shape (nu, nx).
         P: Shape of the ellipsoid, (nx, nx).
         alpha: The proven level: e'Pe decreases up to it, and all bounds hold.
-        core: Level within which a drift of the rounded reference may cancel the
-            decrease; no trajectory leaves the set e'Pe <= core.
-        drift: Upper bound of that drift, relative to the core's radius sqrt(core); in
-            1/s, or a fraction per hold for a held input.
+        core: Level within which a drift of the reference, which is rounded to floats,
+            may cancel the decrease; no trajectory leaves the set e'Pe <= core.
+        drift: Upper bound of that drift, divided by sqrt(core); in 1/s, or a fraction
+            per hold for a held input.
         dt: Time for which the input is held [s]; None for a continuous input.
         Q_m: Margin: e'Pe decreases by at least e'Q_m e, per second or per hold, shape
             (nx, nx).

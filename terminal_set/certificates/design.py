@@ -1,16 +1,19 @@
 """Terminal sets: a linear law and the region in which it takes over (the dual mode).
 
-    inside Omega = {e : e'Pe <= alpha}, e = x - x_ref:  u = u_ref - K e
+Numbers such as (5.12) are equations of the book chapter (docs/chapter), two of which
+have errors that are corrected here. The law and its region are
+
+    u = u_ref - K e   for e = x - x_ref in Omega = {e : e'Pe <= alpha}
 
 Two designs, side by side:
 
-    sampled     gain and P of the discrete Riccati equation for the input held dt;
-                corrected level. The design for a controller that holds its input.
-    continuous  gain of the continuous Riccati equation, P of the chapter's (5.12)
-                corrected, corrected level. The design for a continuous input.
+    sampled     for a controller that holds its input for dt: gain and P of the
+                discrete Riccati equation, level by the corrected (5.14)
+    continuous  for a continuous input: gain of the continuous Riccati equation, P by
+                the corrected (5.12), level by the corrected (5.14)
 
-A continuous design that is held may be unstable: the chapter's formation, held 1 s, has
-the spectral radius 10.8 (`held_spectral_radius`), whatever P and alpha are.
+A continuous design may be unstable if its input is held: the chapter's formation, held
+1 s, has the spectral radius 10.8 (`held_spectral_radius`), whatever P and alpha are.
 
 All levels here come from bounds on inputs and states alone. They do not show that e'Pe
 decreases under the nonlinear dynamics, nor do they cover states between two samples. A
@@ -18,8 +21,8 @@ certificate shows both, and may lower alpha for this (`certification.py`).
 
 Source: the chapter (docs/chapter), eq. (5.8)-(5.14); H. Chen and F. Allgoewer, A
 quasi-infinite horizon nonlinear model predictive control scheme with guaranteed
-stability, Automatica 34 (1998): `continuous_terminal_set` with kappa has the P of this
-paper.
+stability, Automatica 34 (1998): the P of this paper is that of
+`continuous_terminal_set` with a reserve kappa.
 """
 
 from __future__ import annotations
@@ -71,7 +74,7 @@ if TYPE_CHECKING:
 
 @dataclass(eq=False)
 class InvalidReserveError(SwarmstartError, ValueError):
-    """The decay kept in reserve is negative, or more than the loop has.
+    """The decay kept in reserve is negative, or not below that of the slowest mode.
 
     Attributes:
         kappa: The requested reserve, in 1/s, or a fraction of e'Pe per step.
@@ -118,8 +121,8 @@ class TerminalSet:
     """A linear law and the ellipsoid it is meant for; arrays copied and read-only.
 
     Attributes:
-        K: Gain of u = u_ref - K e, shape (nu, nx). The chapter (docs/chapter) has -K as
-            its gain.
+        K: Gain of u = u_ref - K e with e = x - x_ref, shape (nu, nx). The gain of the
+            chapter (docs/chapter) is -K.
         P: Shape of the ellipsoid, (nx, nx), symmetric positive definite.
         alpha: Level of the ellipsoid, > 0.
         x_ref: Reference state of the design, shape (nx,), SI units.

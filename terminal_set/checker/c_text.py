@@ -1,14 +1,16 @@
 """Comparison of a certificate with the C file of a controller.
 
-Read from the text of the file, bit by bit, are the gain, the matrix and the level of
-the set, the reference, the bounds of the inputs, the time of a hold and the number of
-steps in it. The functions that apply the law must be, word by word, those that exported
-controllers have. Nothing else of the file is judged: a test program shows whether the
-rest of its code calls these functions, and what its header defines. A file that could
-say one thing to this reader and another to a compiler is refused: one with directives
-that exported controllers do not have, with a constant twice, or with words of the
-language defined anew. A macro must be a number or one of those of exported controllers:
-any other macro could change what the text of the law means.
+The gain, the matrix and the level of the set, the reference, the bounds of the inputs,
+the time for which an input is held and the number of integrator steps in it are read
+from the text of the file, and must be those of the certificate bit by bit. The
+functions that apply the law must be, word by word, those that exported controllers
+have. Nothing else of the file is judged: only a program that is compiled with it can
+show whether the rest of its code calls these functions, and what its header defines. A
+file that could say one thing to this reader and another to a compiler is refused: one
+with directives that exported controllers do not have, with a constant that is given
+twice, or with words of the language that are defined anew. A macro must be a number or
+one of those of exported controllers: any other macro could change what the text of the
+law means.
 """
 
 from __future__ import annotations

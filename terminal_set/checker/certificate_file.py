@@ -42,8 +42,8 @@ class Refuted:
     """A level beyond which the decrease is known to fail.
 
     Attributes:
-        alpha: The level of the point.
-        e: The point relative to the reference, shape (nx,).
+        alpha: Level e'Pe of the point e.
+        e: The point as a deviation from the reference, shape (nx,).
     """
 
     alpha: float
@@ -63,20 +63,21 @@ class Certificate:
         velocity: Velocity of the reference, shape (nx,); 0 in states that rest.
         bounds: "u_lower", "u_upper", "x_lower" or "x_upper" -> the bounds; None for a
             missing one.
-        K: Gain of u = u_ref - K e, shape (nu, nx).
+        K: Gain of u = u_ref - K e with e = x - x_ref, shape (nu, nx).
         P: Matrix of V(e) = e'Pe, shape (nx, nx).
         alpha: Level: the set is V(e) <= alpha.
         core: Level within which the drift of a rounded reference may cancel the
             decrease.
-        drift: Upper bound of that drift, relative to the core's radius sqrt(core); in
-            1/s, or a fraction per hold for a held input.
+        drift: Upper bound of that drift, divided by sqrt(core); in 1/s, or a fraction
+            per hold for a held input.
         dt: Time for which an input is held [s]; None if it is continuous.
         substeps: Number of Runge-Kutta steps in a hold; None for a continuous input.
         Q_m: Matrix of the margin: V decreases by at least e'Q_m e, shape (nx, nx).
         integrator: Relative error of the Runge-Kutta map; None if not stated.
         integrator_proven: Whether that error is labelled proven by the library. The
             checker does not repeat this proof.
-        growth: Bound of V between samples, relative to V; None if not stated.
+        growth: Bound of V between two samples, divided by V at the first of the two;
+            None if not stated.
         growth_proven: Whether `growth` is labelled proven.
         refuted: Level and point of a counterexample; None if none is known.
     """

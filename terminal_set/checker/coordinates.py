@@ -1,9 +1,10 @@
 """Coordinates of an ellipsoid; matrix properties are checked in ball arithmetic.
 
-e = T z with T = L^-T U rounded: L the Cholesky factor of P, U a rotation that makes the
-quadratic part nearly diagonal. The proof needs only a delta with |T'PT - I| <= delta,
-computed in balls (intervals of real numbers): (1 - delta) |z|^2 <= V(e) <=
-(1 + delta) |z|^2 follows, for V(e) = e'Pe.
+The ellipsoid is V(e) = e'Pe <= alpha, with e the deviation from a reference. The
+coordinates z with e = T z have T = L^-T U, rounded, with L the Cholesky factor of P,
+and U a rotation that makes the quadratic part of the change of V nearly diagonal. The
+proof needs only a delta with |T'PT - I| <= delta, computed in balls (intervals of real
+numbers). Then (1 - delta) |z|^2 <= V(e) <= (1 + delta) |z|^2.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ def absolute(a: arb) -> arb:
 
 
 class IndefiniteError(ValueError):
-    """A matrix cannot be shown positive definite in balls."""
+    """A matrix cannot be shown to be positive definite in ball arithmetic."""
 
 
 def symmetric(rows: Sequence[Sequence[float]]) -> arb_mat:

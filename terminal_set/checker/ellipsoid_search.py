@@ -1,14 +1,17 @@
 """c(e) < 0 on an ellipsoid without its centre, as a task for branch and bound.
 
-With e = s v, v = T w and w on a face of the cube [-1, 1]^n, every e != 0 is one (s, w)
-with s > 0. T makes T'PT nearly I and the quadratic part of c nearly diagonal; both are
-needed for speed only. The statements are quadratic forms of the motion R and of e,
+The ellipsoid is V(e) = e'Pe <= alpha, and e the deviation from a reference. Every e !=
+0 is e = s v, v = T w for one pair of a number s > 0 and a point w on a face of the cube
+[-1, 1]^n. The matrix T makes T'PT nearly I and the quadratic part of c nearly diagonal;
+these two properties are needed for speed only. c is a quadratic form of e and of R(e),
+which is the rate of e (continuous input) or e after a hold (held input; `motion.py`).
+With a symmetric matrix M, which has the margins,
 
   continuous   c(e) = 2 e'P R(e) + e'Me
   held         c(e) = R(e)'P R(e) + e'Me
 
-Boxes that begin at s = 0 are judged by c(s v) / s^2, a form of R(s v) / s and v, which
-`rays.py` bounds without 0/0; all other boxes by c itself.
+Boxes that begin at s = 0 are judged by c(s v) / s^2, a form of v and of R(s v) / s,
+which `rays.py` bounds without 0/0; all other boxes are judged by c itself.
 """
 
 from __future__ import annotations
@@ -49,10 +52,10 @@ class Change:
 
     Attributes:
         motion: The motion relative to the reference.
-        P: Matrix of V, symmetric, exact, shape (nx, nx).
+        P: Matrix of V(e) = e'Pe, symmetric, exact, shape (nx, nx).
         M: Matrix of the second term of c, symmetric, exact, shape (nx, nx).
-        time: Time for which inputs are held [s]; None for a continuous input or if it
-            is a coordinate.
+        time: Time for which inputs are held [s]; None for a continuous input, or if the
+            time is a coordinate of the boxes.
     """
 
     motion: RelativeMotion
@@ -118,14 +121,17 @@ class DecreaseTask:
     """c(e) < 0 for 0 < V(e) <= alpha, and for all times in an interval if one is given.
 
     The coordinates are s, the entries of w except the one that is 1 or -1 on its face,
-    and the time, unless `times` is None. `slab` of a box is 2 nx times the number of
-    its piece of time, plus the number of its face of the cube.
+    and the time, unless `times` is None. `Boxes.slab` of a box is 2 nx times the number
+    of the box's piece of time, plus the number of the face of the cube to which the box
+    belongs.
 
     Attributes:
-        change: c to be proven; its margin may be raised by a bound of its own rounding.
-        stated: c as the file states it: a counterexample must have c >= 0 by this one.
+        change: The form c that is to be proven negative; a bound of the rounding of its
+            matrices may be added to it.
+        stated: c as the file states it, without such a bound: a counterexample must
+            have c >= 0 by this form.
         alpha: Level of the ellipsoid.
-        T: Coordinates of each piece of time, shape (pieces, nx, nx).
+        T: Matrix T of v = T w for each piece of time, shape (pieces, nx, nx).
         delta: Upper bounds of |T'PT - I|, below 1, shape (pieces,).
         times: Ends of the pieces of time, shape (pieces + 1,); None if the time is
             fixed.

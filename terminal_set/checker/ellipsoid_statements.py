@@ -85,7 +85,7 @@ def margin_of_map(certificate: Certificate) -> Fraction:
 
 
 def decrease_task(certificate: Certificate, deadline: Deadline = NEVER) -> DecreaseTask:
-    """Return the statement c(e) < 0 on the set without 0.
+    """Return the task to prove c(e) < 0 on the set without 0.
 
     Args:
         certificate: The statements of the file; P positive definite.
@@ -96,7 +96,7 @@ def decrease_task(certificate: Certificate, deadline: Deadline = NEVER) -> Decre
 
 
 def growth_task(certificate: Certificate, deadline: Deadline = NEVER) -> DecreaseTask:
-    """Return the statement V(R_t(e)) < growth V(e) on the set without 0, for all t.
+    """Return the task to prove V(R_t(e)) < growth V(e) on the set without 0, for all t.
 
     Args:
         certificate: The statements of the file; P positive definite, growth given.

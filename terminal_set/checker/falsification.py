@@ -1,4 +1,4 @@
-"""Attempts to refute a certificate: its own counterexample, and random points.
+"""Attempts to refute a certificate: the counterexample in it, and random points.
 
 Points are models of no variables: numbers with a bound of their rounding, many at once.
 A sampled statement that survives is not proven; the report says "sampled only".

@@ -1,24 +1,28 @@
 """Motion relative to the reference, and the drift of the reference itself.
 
-With e = x - x_ref and u = u_ref - K e(0):
+Let (x_ref, u_ref) be a reference of x' = f(x, u), e = x - x_ref the deviation from it,
+and u = u_ref - K e the law. The motion of e is
+
   continuous   R(e) = f(x_ref + e, u) - f(x_ref, u_ref)
   held         R(e) = F(x_ref + e, u) - F(x_ref, u_ref)
-F is the classic Runge-Kutta map over a time t in `substeps` equal steps, u held. R is
-computed in Taylor models, in which the motion of the reference (15 m/s, for example)
-cancels but for rounding.
+where R(e) is the rate of e for a continuous input, and e after a time t for a held one.
+F is the classic Runge-Kutta map over the time t in `substeps` equal steps, with u held.
+R is computed in Taylor models, in which the motion of the reference (15 m/s, for
+example) cancels but for rounding.
 
 The reference may move in states for which the file states a velocity: f must not depend
 on these states, they must have no bounds, and their rates in f must be that velocity.
-In all other states the reference rests, up to rounding. Let r be the rates
-f(x_ref, u_ref) of these others (0 elsewhere), d the motion by r over a hold,
-D = |r|_P or |d|_P, |e|_P^2 = e'Pe and a >= D / sqrt(core). Then for V(e) >= core
+In all other states the reference rests, up to rounding. Let r be the rates f(x_ref,
+u_ref) of these other states (0 in the states with a velocity), d the motion of the
+reference in them over a hold, |e|_P the root of V(e) = e'Pe, D = |r|_P (continuous) or
+|d|_P (held), and a >= D / sqrt(core) for a small level `core`. Then for V(e) >= core
 
   continuous   the drift adds 2 e'Pr <= 2 a V(e) to V'
   held         |R(e) + d|_P <= |R(e)|_P + a |e|_P
-so the decrease is proven with this amount in reserve; no trajectory crosses V = core
-from within either. A file states core and a; the core must be negligible compared with
-the set. The drift is computed in the balls of Arb (Johansson (2017), IEEE Trans.
-Computers 66(8)), with so many bits that a reference at rest moves by 0 exactly.
+so the decrease is proven with this amount in reserve. No trajectory crosses V = core
+from within either. A file states `core` and a; `core` must be negligible compared with
+the level of the set. The drift is computed in the balls of Arb (Johansson (2017), IEEE
+Trans. Computers 66(8)), with so many bits that a reference at rest moves by 0 exactly.
 """
 
 from __future__ import annotations
@@ -313,8 +317,9 @@ def _over_hold(
 ) -> Balls:
     """Return upper bounds of the reference's motion over a hold, by map and flow.
 
-    On every step a box is widened until h sup |f| over it is at most its growth: then
-    the flow and every stage of the map stay in it.
+    On every step, of the length h, a box is widened until h sup |f| over the box is at
+    most the width that was added: then the flow and every stage of the map stay in the
+    box.
     """
     substeps = certificate.substeps or 1
     h = arb(certificate.dt or 0.0) / substeps

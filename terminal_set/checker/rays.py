@@ -1,8 +1,12 @@
-"""Values along rays from the origin, without 0/0 there: a(rho) = a(0) + rho b(rho).
+"""Values along rays from the origin, in a form that has no 0/0 at the origin.
+
+At the distance rho from the origin a value is a(rho) = a(0) + rho b(rho); stored are
+a(0) and b.
 
 Both a(0) and b are Taylor models over boxes that begin at rho = 0; a(0) does not depend
-on rho. Sums and products keep that form, and so does a function g: with h = rho b, and
-a(0) = c + delta for a number c,
+on rho. Sums and products keep that form, and so does a function g. Let h = rho b, a(0)
+= c + delta for a number c, and g_k = g^(k)(c) / k!; `last` is a bound of the term after
+the last one of the Taylor series of g (`Series.last`). Then
 
     (g(a) - g(a(0))) / h = g_1 + g_2 (2 delta + h) + g_3 (3 delta^2 + 3 delta h + h^2)
                            + remainder,

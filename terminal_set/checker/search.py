@@ -1,4 +1,7 @@
-"""Branch and bound over boxes of (t, x, boxed controls), in batches.
+"""Branch and bound over boxes, in batches.
+
+The coordinates of a box are the time, the states and some controls (`lower_bound`), or
+those of an ellipsoid (`ellipsoid_search.py`).
 
 A box, one column of a batch, holds all points with lower <= y <= upper. Cutting drops
 points that are proven to be outside a set {c <= 0}; every bound is moved outwards by
@@ -40,8 +43,8 @@ class Boxes:
     Attributes:
         lower: Lower corners, shape (d, N).
         upper: Upper corners, shape (d, N).
-        slab: A number that the task gives to each box, (N,): on faces of a tube, that
-            of the interval of times; on an ellipsoid, see `DecreaseTask`.
+        slab: A number that the task gives to each box, (N,): on faces of a tube the
+            number of the interval of times; on an ellipsoid as `DecreaseTask` says.
     """
 
     lower: Array
@@ -55,7 +58,7 @@ class Boxes:
 
     @property
     def middle(self) -> Array:
-        """Points about the middles, floats, shape (d, N)."""
+        """Points near the middles, as floats, shape (d, N)."""
         return np.clip(0.5 * self.lower + 0.5 * self.upper, self.lower, self.upper)
 
     @property
@@ -110,8 +113,9 @@ def is_empty(boxes: Boxes) -> Flags:
 def cut_by(boxes: Boxes, constraint: Model) -> tuple[Boxes, Flags]:
     """Drop points with c > 0.
 
-    c >= c_0 + sum of g_a s_a - rest over the box, so that c <= 0 needs, for each a,
-    g_a s_a <= rest + sum of |g| - c_0 - |g_a|.
+    With c_0 and the slopes g_a of the model of c in its variables s_a in [-1, 1],
+    c >= c_0 + sum of g_a s_a - rest over the box. So c <= 0 needs, for each a, g_a
+    s_a <= rest + sum of |g| - c_0 - |g_a|.
 
     Returns:
         Smaller boxes; a mask of boxes without any point with c <= 0.
@@ -134,10 +138,10 @@ class Outcome:
 
     Attributes:
         proven: Whether the inequality holds everywhere.
-        boxes: Number of boxes it took.
+        boxes: Number of boxes that were examined.
         counterexample: Point (t, x), or state e of an ellipsoid, at which the
             inequality certainly fails; None if none was found.
-        remark: Reason why the proof is open; empty otherwise.
+        remark: Reason why the inequality is neither proven nor refuted; else empty.
     """
 
     proven: bool
@@ -148,12 +152,13 @@ class Outcome:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Judgement:
-    """A batch of boxes, judged.
+    """The verdicts on a batch of boxes.
 
     Attributes:
         proven: Mask of boxes over which the inequality holds, (N,).
         suspect: Mask of boxes whose middle may be a counterexample, (N,).
-        pull: How much the bound loses by the width of each variable, shape (d, N).
+        pull: Estimate of how much worse the bound is because of the width of the box in
+            each variable, shape (d, N); a box is cut along the largest one.
     """
 
     proven: Flags
@@ -204,7 +209,7 @@ def judgement(
     suspect: Flags,
     extra: Array | float = 0.0,
 ) -> Judgement:
-    """Return a judgement; variables share a loss of unknown origin by their widths.
+    """Return a judgement; a loss of unknown origin is shared by the widths of boxes.
 
     Args:
         below: The function that is bounded from below.

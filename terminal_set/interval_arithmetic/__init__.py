@@ -1,6 +1,7 @@
-"""Interval arithmetic: functions on boxes with outward rounding, Taylor forms, cells.
+"""Interval arithmetic with outward rounding, and Taylor forms on parts of a ball.
 
-A function is a list of operations (`tape.py`), evaluated on many boxes at once.
+A function is a list of operations (`tape.py`), evaluated on many boxes at once. The
+parts of a ball on which a Taylor form bounds a function are called cells (`taylor.py`).
 """
 
 from swarmstart.terminal_set.interval_arithmetic.intervals import (

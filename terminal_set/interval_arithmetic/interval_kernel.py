@@ -6,7 +6,7 @@ Every end is computed in floats and moved outwards, by |end| times
     the other functions         FUNCTION_WIDER (4 units; glibc documents at most 2)
 
 plus SMALLEST, below which floats lose digits. Each factor includes the rounding of the
-move itself; moving to the next float instead would need a branch.
+move itself. A move to the next float instead would need a branch in the code.
 
 If a function is undefined somewhere in the box, or an end is not a number, the result
 is the whole line, which states nothing.
@@ -16,8 +16,8 @@ those of math raise errors when NumPy's return infinity or NaN. Only erf is not 
 NumPy.
 
 One kernel, compiled once, interprets any program, one instruction at a time for a whole
-block of boxes. The values of BLOCK boxes stay in the processor's cache. Flags, of
-comparisons in derivatives, are intervals of 0 (false) and 1 (true).
+block of boxes. The values of BLOCK boxes stay in the processor's cache. The results of
+comparisons, which occur in derivatives, are intervals of 0 (false) and 1 (true).
 
 Source: Moore, Kearfott and Cloud (2009), Introduction to Interval Analysis; the GNU C
 Library Reference Manual, "Errors in Math Functions".
@@ -209,7 +209,7 @@ def _turns(a: float, b: float, at: float) -> bool:
 
 @ieee_kernel
 def power(a: float, b: float, c: float, d: float) -> tuple[float, float]:
-    """Return [a, b] to the power of [c, d], extreme in their corners."""
+    """Return [a, b] to the power of [c, d]; its extremes are at corners of the box."""
     if c == d and c == np.floor(c):
         return _whole_power(a, b, c)
     if a < 0.0 or (a == 0.0 and c < 0.0):
@@ -234,10 +234,10 @@ def _whole_power(a: float, b: float, n: float) -> tuple[float, float]:
 
 @ieee_kernel
 def angle(a: float, b: float, c: float, d: float) -> tuple[float, float]:
-    """Return atan2 of y in [a, b] and x in [c, d], extreme in their corners.
+    """Return atan2 of y in [a, b] and x in [c, d]; its extremes are at corners.
 
-    On the cut, y = 0 and x <= 0, atan2 jumps: a box that touches the cut gets the whole
-    line.
+    On the branch cut, y = 0 and x <= 0, atan2 jumps: a box that touches the branch cut
+    gets the whole line.
     """
     if c <= 0.0 and a <= 0.0 and b >= 0.0:
         return -np.inf, np.inf
@@ -363,7 +363,7 @@ def _apply_two(code: int, x: Array, y: Array, out: Array) -> None:
 
 @ieee_kernel
 def _compare(code: int, a: float, b: float, c: float, d: float) -> tuple[float, float]:
-    """Return [a, b] <= [c, d] as a flag, or the number of true ones of <= and >=."""
+    """Return [a, b] <= [c, d] as 0 to 1, or how many of <= and >= are true."""
     if code == _LE:
         return (1.0 if b <= c else 0.0), (0.0 if a > d else 1.0)
     return 1.0, (1.0 if b < c or a > d else 2.0)

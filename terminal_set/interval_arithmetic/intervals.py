@@ -8,8 +8,9 @@ compiled kernel interprets for all boxes (`interval_kernel.py`). Compiling the c
 each function would take longer than a proof.
 
 The derivatives of fabs, fmin and fmax have the operations sign and <=, which jump. They
-are accepted only on request: their interval is the hull of both sides if the side is
-not decided. `smoothness.py` says which conclusions are valid.
+are accepted only on request. If a box has points on both sides of the jump, the
+interval holds the values of both sides. `smoothness.py` says which conclusions are
+valid.
 
 Source: Moore, Kearfott and Cloud (2009), Introduction to Interval Analysis.
 """

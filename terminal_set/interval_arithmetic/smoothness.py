@@ -5,16 +5,19 @@ a second derivative has no term for it.
 
     |a|             kink at a = 0
     fmin, fmax      kink at a = b
-    atan2(y, x)     cut at y = 0, x <= 0: the function jumps, its derivatives do not
+    atan2(y, x)     branch cut at y = 0, x <= 0: the function jumps, its derivatives
+                    do not
 
-So a Taylor form is valid only on a box without kinks and cuts. On a box with kinks but
-no cut the first derivative may still be used: along a line from m to x,
+So a Taylor form of a function c is valid only on a box without kinks and branch cuts.
+On a box with kinks but no branch cut the first derivative may still be used. Along a
+line from m to x,
 
     c(x) - c(m) = int_0^1 g(m + t (x - m))'(x - m) dt
 
-with g the formula of the gradient, since c is Lipschitz and g is right for almost all
-t (if a = 0 on more than isolated points, its slope is 0 at almost all of them). So an
-interval of g over the box bounds the difference; second derivatives do not.
+with g the formula of the gradient, since c is Lipschitz and g is right for almost all t
+(if a = 0 on more than isolated points, the slope of a is 0 at almost all of them). So
+an interval of g over the box bounds c(x) - c(m). Second derivatives bound nothing
+there.
 
 All other operations have unbounded derivatives or values at the edge of their domain,
 which the intervals show by themselves.
@@ -79,10 +82,10 @@ class NotSmoothError(SwarmstartError, ValueError):
 
 
 class Kinks:
-    """A test of boxes for the kinks and cuts of a function."""
+    """A test of boxes for the kinks and branch cuts of a function."""
 
     def __init__(self, function: ca.Function) -> None:
-        """Collect the operations that have kinks or cuts.
+        """Collect the operations that have kinks or branch cuts.
 
         Args:
             function: x (n, 1) -> a column.
@@ -99,7 +102,7 @@ class Kinks:
         self._arguments = _arguments(tape, kinks, cuts, name)
 
     def __call__(self, lower: Array, upper: Array) -> tuple[Mask, Mask]:
-        """Return the boxes that may have kinks, and those with cuts, as masks (m,).
+        """Return the boxes that may have kinks, and branch cuts, as two masks (m,).
 
         Args:
             lower: Lower corners of m boxes, shape (n, m).
@@ -116,7 +119,7 @@ class Kinks:
         return np.asarray(kinks.any(axis=0)), np.asarray(cuts.any(axis=0))
 
     def require_no_cut(self, lower: Array, upper: Array, name: str) -> None:
-        """Validate that a box has no cut.
+        """Validate that a box has no branch cut.
 
         Args:
             lower: Lower corner, shape (n, 1).

@@ -67,7 +67,7 @@ def tape_of(dynamics: ca.Function) -> tuple[list[Instruction], list[int]]:
 
 
 class _Writer:
-    """Writer of values, equal ones once."""
+    """Writer of values that writes equal ones only once."""
 
     def __init__(self) -> None:
         """Begin an empty tape."""

@@ -1,16 +1,18 @@
 """Derivatives in interval arithmetic, and bounds on the cells of a ball from them.
 
-A direction is u = w / |w| with w on a face of the cube [-1, 1]^n, and a point of the
-ball is z = rho w / |w|. So 2n boxes of (rho, w), the cells, cover the ball exactly.
-Needed of a cell are its size and the maximum of a linear function on it.
+The ball is |z| <= r in n dimensions, and its points are z = rho w / |w| with w on a
+face of the cube [-1, 1]^n. So the ball is covered exactly by 2n boxes of (rho, w),
+which are divided further. The points z of such a box are a cell. Needed of a cell are
+its size and the maximum of a linear function on it.
 
 Let c be a function of e = T z with a constant matrix T, m a point of a cell (in z), and
 d = z - m for the points z of the cell. Then
 
     c <= c(m) + sup g'd + sup d'Hd/2 + sup |D^3 c [d, d, d]| / 6,
 
-with g and H the gradient and the Hessian at m, and the third derivatives over the whole
-cell. On a cell with a kink only the first derivatives may be used (`smoothness.py`):
+with g and H the gradient and the Hessian at m, the third derivatives over the whole
+cell, and sup over the points of the cell. On a cell with a kink only the first
+derivatives may be used (`smoothness.py`):
 
     c <= c(m) + sup g'd,
 
@@ -195,7 +197,7 @@ class TaylorForm:
         return added_up(high[0], terms), cells.spread(along, unsure)
 
     def kinks(self, lower: Array, upper: Array) -> tuple[Mask, Mask]:
-        """Return the boxes that may have kinks, and those with cuts, as masks (m,)."""
+        """Return the boxes that may have kinks, and branch cuts, as two masks (m,)."""
         return self._kinks(lower, upper)
 
     def hessians(self, lower: Array, upper: Array) -> tuple[Array, Array]:
@@ -219,7 +221,7 @@ class TaylorForm:
 
         Returns:
             Upper bounds of |D^3 c [d, d, d]| / 6 over the cells, shape (m,); infinite
-            in those with a kink or a cut.
+            in cells with a kink or a branch cut.
         """
         with np.errstate(invalid="ignore", over="ignore"):
             third = self._third_order(cells, d)
@@ -311,11 +313,11 @@ class Cells:
     """Boxes of (rho, w) as cells of z = rho w / |w|.
 
     Attributes:
-        z: A point of each cell, to expand about, (nx, m).
+        z: The point of each cell about which functions are expanded, (nx, m).
         reach: Distance from `z` to the ends of the cell along each axis, (nx, m).
         z_middle: Middle of the box around each cell, (nx, m).
         z_reach: Half widths of that box, (nx, m).
-        half: Half the widths of the boxes, (1 + nx, m).
+        half: Half of the width of each box in rho and w, (1 + nx, m).
         radii: Lower and upper ends of rho, each (m,).
     """
 

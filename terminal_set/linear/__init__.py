@@ -1,6 +1,7 @@
 """The linear design: K and P by python-control, stability, level and ellipsoid.
 
-All is matrices here; what holds for the nonlinear system is proven in `proving`.
+Everything here concerns the linear system alone; what holds for the nonlinear one is
+proven in `proving`.
 """
 
 from swarmstart.terminal_set.linear.arrays import (

@@ -1,19 +1,20 @@
 """The ellipsoid e'Pe <= alpha around a reference, and the level that its bounds allow.
 
-It is the terminal region Omega = {e : e'Pe <= alpha}, (5.8) of the chapter
-(docs/chapter). With P = LL', e = sqrt(alpha) L^-T d maps the unit ball of d onto the
-ellipsoid; its extent along axis j is sqrt(alpha (P^-1)_jj), and its shadow on a plane
-of two axes is the ellipse e'Se <= alpha of these two, with S the inverse of their block
-of P^-1.
+With e = x - x_ref it is the terminal region Omega, (5.8) of the chapter (docs/chapter).
+With P = LL', e = sqrt(alpha) L^-T d maps the unit ball of d onto the ellipsoid; the
+extent of the ellipsoid along axis j is sqrt(alpha (P^-1)_jj), and its shadow on the
+plane of two axes is the ellipse e'Se <= alpha in these two coordinates, with S the
+inverse of the block of P^-1 that belongs to them.
 
 On the ellipsoid a row F_i e reaches at most sqrt(alpha F_i P^-1 F_i'). So the largest
 level that keeps the bounds |F_i e| <= g_i is
 
     alpha = min_i g_i^2 / (F_i P^-1 F_i').
 
-F = K and g = u_max is the input bound, the chapter's (5.14) corrected; F = I and
-g = e_max the state bound. The ellipsoid is symmetric, so the nearer one of two unequal
-bounds counts.
+F = K, with g the distances of the inputs' bounds from u_ref, gives the level of the
+input bounds, which is the chapter's (5.14) corrected. F = I, with g the distances of
+the states' bounds from x_ref, gives that of the state bounds. The ellipsoid is
+symmetric, so the nearer one of two unequal bounds counts.
 
 Such a level keeps the bounds of inputs and states only. That e'Pe also decreases under
 the nonlinear dynamics is a further condition, which is not checked here.
@@ -240,7 +241,7 @@ class MovingReferenceError(SwarmstartError, ValueError):
     Attributes:
         entry: Number of the state.
         velocity: Velocity that is stated for this state.
-        found: Reason why it cannot, in words.
+        found: Reason why the reference cannot move so, in words.
     """
 
     entry: int
@@ -387,7 +388,7 @@ def input_excess(K: ArrayLike, P: ArrayLike, alpha: float, u_max: ArrayLike) -> 
     Args:
         K: Gain, shape (nu, nx).
         P: Shape of the ellipsoid, (nx, nx), symmetric positive definite.
-        alpha: Its level, > 0.
+        alpha: Level of the ellipsoid, > 0.
         u_max: Room of each input around its reference (see `smaller_side`), shape
             (nu,), > 0.
 

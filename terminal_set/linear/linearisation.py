@@ -3,11 +3,14 @@
     e' = A e + B du,    A = df/dx, B = df/du at (x_ref, u_ref)            (5.9)
     e+ = Ad e + Bd du,  [Ad Bd; 0 I] = exp([A B; 0 0] dt)
 
+with e = x - x_ref, du = u - u_ref, and e+ the deviation after a time dt in which u is
+held.
+
 A reference may move, like the leader of a formation, so that f(x_ref, u_ref) is not
-zero. The motion relative to it is linearised,
-e' = f(x_ref + e, u_ref + du) - f(x_ref, u_ref). It has its equilibrium at e = 0 for any
-f(x_ref, u_ref), if the Jacobian does not change along the reference (f must not depend
-on positions; v_L and psi_L stay constant).
+zero. The motion relative to it, with e' = f(x_ref + e, u_ref + du) - f(x_ref, u_ref),
+is linearised. It has its equilibrium at e = 0 for any f(x_ref, u_ref), if the Jacobian
+does not change along the reference (for a leader: f must not depend on positions, and
+the leader's speed and heading must stay constant).
 
 Source: (5.9) of the chapter (docs/chapter); the held system by Van Loan, IEEE Trans.
 Automatic Control 23 (1978).

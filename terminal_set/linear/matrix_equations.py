@@ -1,6 +1,7 @@
 """Riccati and Lyapunov equations: the gain K of an LQR, and matrices P.
 
-Linear-quadratic regulators, with du = -K e:
+Linear-quadratic regulators du = -K e, with weights Q and R, for e' = A e + B du
+(continuous) or e+ = A e + B du (sampled):
 
     continuous  min int e'Qe + du'R du dt   A'P + PA - PBK + Q = 0,  K = R^-1 B'P
     sampled     min sum e'Qe + du'R du      A'P(A - BK) - P + Q = 0,
@@ -9,21 +10,22 @@ Linear-quadratic regulators, with du = -K e:
 The chapter (docs/chapter) writes the feedback as u = K x (5.10), so its K is the
 negative of this one.
 
-Lyapunov matrices, for which e'Pe decreases along a stable loop by exactly e'Qe:
+Lyapunov matrices P, for which e'Pe decreases along a stable loop e' = F e or e+ = F e
+by exactly e'Qe, per second or per step:
 
     continuous  F'P + PF = -Q      the chapter's (5.12), corrected
     sampled     F'PF - P = -Q
 
-Along e' = F e the function e'Pe changes at the rate e'(F'P + PF)e, so the first is the
-equation to solve. With F = A - B K and Q* = Q + K'RK of an LQR, its solution is the
-Riccati matrix.
+Along e' = F e the function e'Pe changes at the rate e'(F'P + PF)e, so the first of the
+two is the equation for a continuous loop. With F = A - B K of an LQR, and Q + K'RK in
+place of Q, the solution of either equation is the Riccati matrix.
 
 python-control solves all equations, now or in an earlier process (`kept.py`), always
 with method="scipy": if slycot is installed, the default of python-control is another
 solver with other errors. python-control returns a matrix even if no useful one exists:
 for a unicycle at rest and Q = 0 a "gain" that leaves a mode at modulus 1, for an
-unstable loop a negative definite P. So the conditions for a gain or a P to exist are
-tested before, and the residual of every solution is checked after.
+unstable loop a negative definite P. So the conditions under which a gain or a P exists
+are tested first, and the residual of every solution is checked afterwards.
 """
 
 from __future__ import annotations

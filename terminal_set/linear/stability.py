@@ -3,8 +3,8 @@
 e' = F e decays if every eigenvalue of F has a negative real part, e+ = F e if every one
 lies inside the unit circle. The Popov-Belevitch-Hautus test for (A, B) checks, for each
 eigenvalue lam that does not decay, whether [A - lam I, B] has full row rank; if not, no
-feedback moves lam. The same test on (A', Q') finds the modes that a weight Q does not
-see.
+feedback moves lam. The same test on (A', Q') finds the modes to which a weight Q gives
+no cost.
 
 Source: M. L. J. Hautus, Controllability and observability conditions of linear
 autonomous systems, Indag. Math. 31 (1969).
@@ -182,7 +182,7 @@ def require_stabilisable(A: Array, B: Array, domain: TimeDomain) -> None:
 
 
 def require_weighted(A: Array, Q: Array, domain: TimeDomain) -> None:
-    """Validate that a weight sees every mode on the boundary of stability.
+    """Validate that a weight gives a cost to every mode on the boundary of stability.
 
     Args:
         A: System matrix, shape (nx, nx), finite.

@@ -1,17 +1,19 @@
-"""Certification of a design: the levels of its bounds, refuted and proven levels.
+"""Certification of a design: the level that bounds allow, refuted and proven levels.
 
     certified_terminal_set   designs and certifies, in one call
     certify                  certifies a design
 
-For a held input the proof is about the Runge-Kutta map F, which differs from the flow
-phi. With |phi - F|_P <= c |e|_P, proven too (`flow_error.py`), and V(F) <= V,
+V(e) = e'Pe, with e the deviation from the reference, and |e|_P is the root of V(e). For
+a held input the proof is about the Runge-Kutta map F, which differs from the flow phi;
+both lead from e to the deviation after a hold. With |phi - F|_P <= c |e|_P, proven too
+(`flow_error.py`), and V(F) <= V(e),
 
     V(phi) <= (|F|_P + c |e|_P)^2 <= V(F) + (2 c + c^2) V(e),
 
 so the proof requires the margin Q_m + (2 c + c^2) P and then also holds for the flow.
-Between samples V may grow before it decreases: to at most g V on the map's curve, and
-to (sqrt(g) + c)^2 V on the flow. The set that holds the states at all times is larger
-by this factor.
+Between samples V may grow before it decreases: to at most g V(e) on the map's curve,
+and to at most (sqrt(g) + c)^2 V(e) on the flow. The level that holds the states at all
+times is larger than alpha by this factor.
 """
 
 from __future__ import annotations

@@ -3,7 +3,8 @@
     continuous  c(e) = 2 e'P (f(x_ref + e, u_ref - K e) - f(x_ref, u_ref)) + e'Q_m e
     held        c(e) = V(F(x_ref + e, u_ref - K e) - F(x_ref, u_ref)) - V(e) + e'Q_m e
 
-with x+ = F(x, u) the state after dt with u held. V decreases with the margin Q_m if
+for x' = f(x, u) with a reference (x_ref, u_ref), e = x - x_ref, and F(x, u) the state
+after a time dt in which u is held. V decreases with the margin Q_m (a matrix) if
 c(e) < 0. Q_m = 0 requires any decrease. Q_m = Q + K'RK makes V a bound of the cost to
 go; this needs kappa > 0 in P, since the Riccati P leaves no margin in the linear part.
 
@@ -70,7 +71,7 @@ class Change:
         P: Shape of the ellipsoids, (nx, nx), symmetric positive definite; copied.
         Q_m: Margin, shape (nx, nx); copied.
         is_held: Whether the input is held over each step.
-        function: e -> c(e), made from the others.
+        function: e -> c(e), made from the other attributes.
 
     Raises:
         InvalidShapeError: If Q_m or the motion is of another size than P.

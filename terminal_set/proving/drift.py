@@ -3,21 +3,25 @@
 A reference rests, or it moves in states for which it states a velocity: f does not
 depend on these states, they have no bounds, and deviations are relative to the
 reference that moves as f says. A reference is given in floats, so that the rates
-r = f(x_ref, u_ref) of the other states need not be 0. The motion is the relative one
-(`decrease.py`) plus a drift, with |e|_P the root of e'Pe:
+r = f(x_ref, u_ref) of the other states need not be 0. The motion of the deviation e is
+the relative one plus a drift. Let R(e) be the rate of e in the relative motion
+(continuous), or e after a hold (held), c(e) the change of V(e) = e'Pe by it
+(`decrease.py`), and |e|_P the root of V(e):
 
     continuous   e' = R(e) + r           V' <= c(e) + 2 |r|_P |e|_P
     held         e+ = R(e) + d           |e+|_P <= |R(e)|_P + |d|_P
 
 d is the motion of the reference in a hold, for the Runge-Kutta map and for the flow.
-With D = |r|_P or |d|_P and a relative drift a, every statement proven with the margin
+With D = |r|_P (continuous) or |d|_P (held) and a number a, the relative drift, every
+statement that is proven with
 
-    2 a V(e)                             instead of the drift, continuous
-    (|R(e)|_P + a |e|_P)^2 < V(e)        likewise, held
+    continuous   c(e) + 2 a V(e) < 0
+    held         (|R(e)|_P + a |e|_P)^2 < V(e)
 
-holds with the drift for |e|_P >= D / a, and no trajectory crosses V(e) = (D / a)^2 from
-within. So a set is stated with its core, V(e) <= core. A core above MOST_CORE of the
-level is refused: then the reference is not an equilibrium on the scale of the set.
+holds with the drift, too, for |e|_P >= D / a, and no trajectory crosses
+V(e) = (D / a)^2 from within. So a set is stated with a core, V(e) <= core = (D / a)^2,
+in which the decrease is not claimed. A core above MOST_CORE of the level is refused:
+then the reference is not an equilibrium on the scale of the set.
 
 For a held input, nothing can be proven if the linear loop is unstable, or if the
 Runge-Kutta map is too far from the flow.
@@ -110,9 +114,9 @@ class Drift:
     Attributes:
         entries: Numbers of the states that the drift moves.
         rates: f(x_ref, u_ref) of these.
-        size: D, an upper bound of |r|_P [1/s] or of |d|_P.
-        relative: a, the relative drift of the proof; in 1/s, or a fraction per hold for
-            a held input.
+        size: D, an upper bound of the drift's length: |r|_P [1/s], or |d|_P per hold.
+        relative: a, the drift relative to |e|_P for which the proof leaves room; in
+            1/s, or a fraction per hold for a held input.
     """
 
     entries: tuple[int, ...]
@@ -173,8 +177,9 @@ class ReferenceMotion:
     def over_hold(self, dt: float, substeps: int) -> Array:
         """Bound the motion of the reference over a hold, for the map and the flow.
 
-        On every step a box is widened until h sup |f| over it is at most its growth:
-        then the flow and every stage of the map stay in it.
+        On every step, of the length h, a box is widened until h sup |f| over the box is
+        at most the width that was added: then the flow and every stage of the map stay
+        in the box.
 
         Args:
             dt: Time for which the input is held [s].
@@ -210,7 +215,7 @@ class ReferenceMotion:
 
 
 def exact_rates(dynamics: ca.Function, reference: Reference) -> list[Fraction | None]:
-    """Return f(x_ref, u_ref) as fractions; None for other rates, and for long ones.
+    """Return f(x_ref, u_ref) as fractions; None for rates that are no short fractions.
 
     Intervals widen each result, and so cannot show that a reference is exactly at rest.
 
@@ -332,7 +337,7 @@ class HeldTooLongError(SwarmstartError, ValueError):
     """A gain is unstable when its input is held for this time.
 
     Attributes:
-        dt: Time for which it is held [s].
+        dt: Time for which the input is held [s].
         spectral_radius: Spectral radius of the held loop.
         longest: Longest time for which the held loop is stable [s].
     """

@@ -1,14 +1,16 @@
 """Upper bounds of the change of e'Pe on boxes of radii and directions.
 
-With z = T^-1 e, T'PT = I, the ellipsoid e'Pe <= alpha is the ball |z| <= r,
-r^2 = alpha; T also diagonalises the quadratic part of c (`decrease.py`). On a box of
-rho and w (`taylor.py`), u = w / |w|, either
+Let e be the deviation from the reference and c(e) the change of e'Pe (`decrease.py`).
+With z = T^-1 e and T'PT = I, the ellipsoid e'Pe <= alpha is the ball |z| <= r,
+r^2 = alpha; T also diagonalises the quadratic part of c. On a box of (rho, w) with
+z = rho u, u = w / |w| (`taylor.py`), either
 
     c(rho T u) / rho^2 <= u'Mu + rho sup b + rho^2 sup d   over [0, rho_hi] x w
 
-or, if rho_lo > 0, c itself is bounded by its Taylor form. The first
-bound holds at the origin too. M is half the Hessian of c at 0; with m(s) the motion
-(the rate, or the state after a step) at e = s T u,
+with rho_hi the largest rho of the box; or, if its least rho is above 0, c itself is
+bounded by its Taylor form. The first bound holds at the origin too. M is half of the
+Hessian of c(T z) at 0. With m(s) the motion at e = s T u, that is, the rate of e or e
+after a step,
 
     continuous  b = (PTu)'m''(s),      d = 0
     held        b = m'(0)'P m''(s),    d = m''(s)'P m''(s) / 4.
@@ -19,8 +21,8 @@ Even if the motion has a kink at the centre, m(rho) / rho is a mean of m'(s)
     continuous  c(rho T u) / rho^2 <= sup 2 (PTu)'m'(s) + (Tu)'Q_m Tu
     held        c(rho T u) / rho^2 <= sup m'(s)'P m'(s) - 1 + (Tu)'Q_m Tu.
 
-u'Mu over a box of directions is bounded by its extreme candidates (M is diagonal except
-for rounding, which is added). Everything is evaluated in intervals with outward
+u'Mu over a box of directions is bounded by `quadratic_bound`, as M is diagonal except
+for rounding, which is added. Everything is evaluated in intervals with outward
 rounding, or rounded up by more than the rounding of the sum.
 """
 
@@ -55,7 +57,8 @@ class Undecided(NamedTuple):
     Attributes:
         lower: Lower corners, shape (1 + nx, m).
         upper: Upper corners.
-        spread: Variation of c along each coordinate; the largest one is cut.
+        spread: Variation of c along each coordinate; a box is cut along the largest
+            one.
     """
 
     lower: Array
@@ -141,7 +144,7 @@ def undecided(
     quadratic: Array,
     remainder: Array,
 ) -> Undecided:
-    """Return the boxes for which c < 0 follows from neither of its bounds.
+    """Return the boxes for which c < 0 follows from neither of the two bounds.
 
     Args:
         bounded: Lower and upper corners of boxes with rho > 0 -> upper bounds of c,
@@ -217,7 +220,7 @@ class _Rays:
     """The motion along rays from the centre, (s, w) -> ...
 
     Attributes:
-        kinks: Its kinks and cuts.
+        kinks: Kinks and branch cuts of the motion.
         bends: (s, w) -> (b, d) of the bound by second derivatives.
         slopes: (s, w) -> a bound of c / s^2 by first derivatives.
     """

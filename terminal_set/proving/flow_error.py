@@ -1,24 +1,28 @@
 """Proof of a bound of the Runge-Kutta map's error against the flow, over a hold.
 
-The curve p of the map (`residual.py`) and the flow x from the same state differ by
-d = p - x. From the reference itself, curve and flow differ by d_0, and with D = d - d_0
+Let e be the deviation at the beginning of the hold, p the curve of the map from there,
+with its residual r(e) and r4(e), the fourth derivative of r (`residual.py`), and x the
+flow of x' = f from the same state. Let d = p - x, d_0 be the same difference from the
+reference itself, that is, from e = 0, and |v|_P the root of v'Pv. With D = d - d_0
 
     D' = A D + B + r(e) - r(0),   A = f_x somewhere within |d| and |d_0| of p,
 
-where B = O(d_0) e is small: it would be 0 if the reference's curve were a solution of
-x' = f. With |r4(e) - r4(0)|_P <= R(q) |e|_P, the residual at s is at most the integral
-of (s - q)^3 / 6 R(q) |e|_P over q from 0 to s. On a piece of time of length l, let m be
-a bound of the logarithmic norm of T^-1 A T, the fastest growth rate of a vector under
+where f_x is the Jacobian of f in x, and B = O(d_0) e is small: it would be 0 if the
+reference's curve were a solution of x' = f. With |r4(e) - r4(0)|_P <= R(q) |e|_P, the
+length of r(e) - r(0) at the time s of a step is at most the integral of (s - q)^3 / 6
+R(q) |e|_P over q from 0 to s. On a piece of time of length l, let m be a bound of the
+logarithmic norm of T^-1 A T (with T'PT = I), the fastest growth rate of a vector under
 A. Then |D|_P at the end of the piece is at most
 
-    e^(m l) |D|_P + e^(max(m, 0) l) (r + b l) |e|_P
+    e^(m l) |D|_P + e^(max(m, 0) l) (k + b l) |e|_P
 
-with |D|_P at its beginning, r the bound of the residual integrated over the piece, and
-b a bound of B. R and m are proven by interval branch and bound over the whole
-ellipsoid. R uses the mean-value theorem, so that |r4(e) - r4(0)| / |e| is bounded, the
-origin included. A is taken over a tube around p. That x stays in this tube follows from
-the bound of |D|_P itself: the bound is below the tube's radius until the first time at
-which x would leave the tube, so there is no such time.
+with |D|_P at the beginning of the piece, k |e|_P the bound of the residual integrated
+over the piece, and b |e|_P a bound of |B|_P. R and m are proven by interval branch and
+bound over the whole ellipsoid. R uses the mean-value theorem, so that
+|r4(e) - r4(0)| / |e| is bounded, the origin included. A is taken over a tube around p.
+That x stays in this tube follows from the bound of |D|_P itself: the bound is below the
+tube's radius until the first time at which x would leave the tube, so there is no such
+time.
 
 Source: Dahlquist (1959), Stability and error bounds in the numerical integration of
 ordinary differential equations; Hairer, Norsett and Wanner (1993), I.10, theorem 10.6.
@@ -101,11 +105,11 @@ its variation along rho and each w, (1 + nx, m)."""
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Piece:
-    """A piece of time of one step.
+    """A piece of the time of one step.
 
     Attributes:
         step: Number of the step.
-        times: First and last time in it [s].
+        times: First and last time in the piece [s].
     """
 
     step: int
@@ -126,7 +130,7 @@ class Piece:
 
 
 class ErrorSearch:
-    """The search for the bounds that the error is made of."""
+    """The search for the bounds R, m and b of which the error is made."""
 
     def __init__(self, residual: Residual, alpha: float, until: float) -> None:
         """Divide the hold into pieces of time."""

@@ -1,14 +1,17 @@
 """The margins of a held input: error of its map against the flow, growth of e'Pe.
 
+With V(e) = e'Pe for a deviation e, and |e|_P its root, two numbers c and g are found:
+
     c with |flow - map|_P <= c |e|_P        proven (`flow_error.py`)
     g with V(map at any time) <= g V        proven here; then
                                             V(flow) <= (sqrt(g) + c)^2 V
 
-A level at which c would use up the decrease is lowered until it does not. A statement
-proven for one level holds for every smaller one.
+A level at which the error c would use up the whole decrease is lowered until c does
+not. A statement proven for one level holds for every smaller one.
 
 The map F of a hold takes n steps; its curve (`residual.py`) is given step by step,
-relative to the reference's own. Measurements on it only suggest what to try to prove.
+relative to the reference's own. Measurements on this curve only suggest what to try to
+prove.
 
 Growth: with F_t the Runge-Kutta map to the time t, relative to the reference's own
 motion,
@@ -103,7 +106,7 @@ class Hold:
         motion: (e, t) -> the deviation after t; e for t = 0.
         P: Shape of the ellipsoids, (nx, nx), symmetric positive definite.
         dt: Duration [s].
-        pieces: Number of intervals of time at the beginning.
+        pieces: Number of intervals of time with which the search begins.
     """
 
     motion: ca.Function
@@ -169,12 +172,12 @@ class HeldMotion:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class HoldBounds:
-    """Limits of a level other than the decrease.
+    """Upper limits of a level from bounds and drift, apart from the decrease.
 
     Attributes:
         inputs: Largest level at which the inputs keep their bounds.
-        states: Level of e'Pe up to which the states keep their bounds; it limits e'Pe
-            at all times of a hold.
+        states: Level up to which the states keep their bounds; it limits e'Pe at all
+            times of a hold.
         drift: Relative drift of the reference, a fraction of |e|_P (`drift.py`).
     """
 
@@ -189,9 +192,9 @@ class ProvableHold:
 
     Attributes:
         motion: The motion.
-        change: c, the margins of integrator and drift included.
-        top: The level within all bounds, those between the samples included, up to
-            which the integrator's error is proven; the refuted level if that is lower.
+        change: The change c(e) of e'Pe, with the margins of integrator and drift added.
+        top: The largest level at which all bounds hold, also between samples, and the
+            integrator's error is proven; the refuted level if that is lower.
         margins: The proven error and the measured growth.
         refutation: Counterexample of the map without a margin, within the bounds; None
             if none is known.
@@ -378,7 +381,7 @@ def prove_growth(
 
 
 class _GrowthBounds:
-    """Proofs that V(F_t) < g V on boxes of (rho, w), for an interval of times.
+    """Proofs that V(F_t(e)) < g V(e) on boxes of (rho, w), for an interval of times.
 
     Attributes:
         defect: A bound of |T'PT - I|.

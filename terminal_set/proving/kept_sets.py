@@ -2,8 +2,9 @@
 
 A proof takes seconds. Its outcome, a level and the margins of a held input, is kept in
 the cache of machine code (`code_cache.py` says which files are trusted), under a key of
-all that it follows from: f, the reference and the bounds, K, P, dt, options, the state
-of the generator, the source of this room and the versions of the packages that it uses.
+all that it follows from: the dynamics f, the reference and the bounds, K, P, dt,
+options, the state of the random generator, the source code of this folder, and the
+versions of the packages that are used.
 
 When an entry is used, the proof is not done again. The entry is believed only if
 
@@ -11,14 +12,15 @@ When an entry is used, the proof is not done again. The entry is believed only i
     K and P solve their equations (`matrix_equations.py`)
     the reference rests, or moves as stated; the level is within all bounds
     e'Pe decreases, with the margins, at SAMPLES states of each of several levels
-    the flow there, by STEPS steps of Runge-Kutta in place of each one, stays within
-        the stated growth and as near to the map as stated
+    the flow from there, by STEPS steps of Runge-Kutta in place of each one, stays
+        within the stated growth and as near to the map as stated
     the nearest counterexample lies above the level, and still is one
 
-These are necessary, not sufficient: an entry of a program that can write the user's
-files and lies by little is not found out, as such a program could change the code as
-well. `python -m swarmstart.terminal_set.check` proves a certificate again, from its
-file alone. Sets whose reference drifts by rounding are not kept.
+These conditions are necessary, not sufficient. A program that can write the user's
+files could store an entry that is false by little, and the checks would accept it; but
+such a program could change the code as well. `python -m swarmstart.terminal_set.check`
+proves a certificate again, from its file alone. Sets whose reference drifts by rounding
+are not kept.
 """
 
 from __future__ import annotations
@@ -276,7 +278,7 @@ def _flow(certificate: Certificate, e: Array) -> list[Array]:
 
     Args:
         certificate: Of a held input.
-        e: Deviations at its beginning, shape (nx, n).
+        e: Deviations at the beginning of the hold, shape (nx, n).
     """
     reference, held, dt = certificate.reference, certificate.held, certificate.dt
     steps = STEPS * (held.substeps if held else 1)

@@ -1,4 +1,6 @@
-"""Search for the largest level that can be proven, of one design or of a family.
+"""Search for the largest level that can be proven, for one design or a family.
+
+The steps of the search are
 
     bounds     the requested level is tried first: it is proven, or a counterexample met
     refuted    the nearest counterexample, of the proof or of a search for it, is an
@@ -7,14 +9,14 @@
                or have thin features that samples miss
     upwards    levels between the highest proven and the lowest unproven one
 
-until the two are within TIGHT of each other or time is up. A level counts as unproven
-after MORE_BOXES times the boxes of the last proof.
+The last step ends when the two are within TIGHT of each other or time is up. A level
+counts as unproven after MORE_BOXES times the boxes of the last proof.
 
-The weights of an LQR are seldom given, but matter: with Q = R = I the formation model,
-held 1 s, has a set 24 cm wide in position; with another R it is metres wide. So the
-weights are scaled by a scalar s, each design gets its proven level, and the largest set
-is taken (`largest_proven_set`). Levels of different P cannot be compared, sizes can.
-The usual size is the volume.
+The weights of an LQR are seldom given, but matter: for the formation model, with inputs
+held for 1 s and Q = R = I, the set extends 24 cm to each side in position; with another
+R it extends by metres. So the weights are scaled by several numbers s, a level is
+proven for each design, and the largest set is taken (`largest_proven_set`). Levels of
+different P cannot be compared, but sizes can. The usual size is the volume.
 """
 
 from __future__ import annotations

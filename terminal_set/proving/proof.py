@@ -1,23 +1,24 @@
-"""Proof of a level, that e'Pe decreases on a whole ellipsoid, and its refutation.
+"""Proof that e'Pe decreases on the whole ellipsoid of a level, or its refutation.
+
+c(e) is the change of e'Pe at the deviation e (`decrease.py`).
 
 Proof, by interval branch and bound: with z = T^-1 e, T'PT = I, the ellipsoid
-e'Pe <= alpha is the ball |z| <= r, r^2 = alpha. 2n boxes of (rho, w), rho the radius
-and w on a face of the cube [-1, 1]^n, z = rho w / |w|, cover it exactly. On every box
-it is shown that c(T z) < 0 (`enclosure.py`; c of `decrease.py`), or the box is cut in
-two.
+e'Pe <= alpha is the ball |z| <= r, r^2 = alpha. With z = rho w / |w|, rho the radius
+and w on a face of the cube [-1, 1]^n, 2n boxes of (rho, w) cover the ball exactly. On
+every box it is shown that c(T z) < 0 (`enclosure.py`), or the box is cut in two.
 
 The proof shows c < 0 for 0 < |z| <= r, a ball that holds the ellipsoid of the given
 level, with c the expression itself and its floating-point constants taken as exact. For
-a held input it is about the integrator's map, not the flow. It does not cover the time
-between samples, nor the bounds of inputs and states (`ellipsoid.py`).
+a held input the proof is about the integrator's map, not the flow. It covers neither
+the time between samples nor the bounds of inputs and states (`ellipsoid.py`).
 
 Refutation: with P = LL' and e = rho L^-T u, |u| = 1, the ellipsoid e'Pe = rho^2 is a
 sphere, and
 
     minimise  rho   subject to  c(rho L^-T u) / rho^2 >= 0,  |u| = 1
 
-is the nearest counterexample. Starting points come from rays in random directions: on
-each the first radius at which c >= 0. IPOPT starts at the nearest of them. A
+is the nearest counterexample. Starting points lie on rays in random directions, on each
+ray at the first radius at which c >= 0. IPOPT starts at the nearest of these points. A
 counterexample refutes its own level and all larger ones; it is checked by evaluating c
 there. If none was found, nothing is proven. A nearer one may exist, since IPOPT is a
 local solver.
@@ -178,7 +179,7 @@ def search_ball(
     Args:
         bounds: Lower and upper corners of boxes of (rho, w) -> those undecided.
         nx: Dimension of the ball.
-        radius: Its radius.
+        radius: Radius of the ball.
         limits: Limits at which the search stops.
         broken: Undecided boxes -> a counterexample among them, if any.
     """

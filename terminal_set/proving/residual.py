@@ -1,13 +1,16 @@
 """The curve of the Runge-Kutta map over a hold, and its residual.
 
-On each of n steps of length h the curve is p(s) = F_s(p_j, u), 0 <= s <= h, from the
-end p_j of the step before. It does not satisfy the dynamics exactly: its residual
+Let F_s(x, u) be the classic Runge-Kutta step of length s from x for x' = f(x, u), with
+u held. On each of the n steps of length h the curve is p(s) = F_s(p_j, u), 0 <= s <= h,
+with p_j the end of the step before. It does not satisfy the dynamics exactly: its
+residual
 
     r(s) = p'(s) - f(p(s), u) = integral of (s - q)^3 / 6 r4(q) dq from 0 to s
 
 is of order s^4, since the map is of order 4; r4, the fourth derivative of r, is an
-expression in (p_j, u, s). Here r4 and its slopes along the deviation e from which the
-hold began are enclosed over cells of a ball, and f_x in a tube around the curve.
+expression in (p_j, u, s). Let e be the deviation from the reference at the beginning of
+the hold. Here r4 and its derivatives in e are enclosed over cells of a ball
+(`taylor.py`), and the Jacobian f_x in a tube around the curve.
 
 Source: Hairer, Norsett and Wanner (1993), Solving Ordinary Differential Equations I,
 II.6; Enright (1989), Analysis of error control strategies for continuous Runge-Kutta

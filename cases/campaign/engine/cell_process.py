@@ -42,7 +42,7 @@ class StoppedError(Exception):
 
 
 class OtherCodeError(Exception):
-    """The code of the process differs from the code of the key.
+    """The code in the process differs from the code of which the cell's key was made.
 
     Attributes:
         versions: Versions of the packages that the process has.
@@ -59,7 +59,8 @@ class Ending:
     """The end of an attempt at a cell that gave no reply.
 
     Attributes:
-        how: Way in which the process ended, in words; empty if its time was over.
+        how: Way in which the process ended, in words; empty if its time limit was
+            reached.
         limit: The hard limit that ended the attempt [s]; None if it ended otherwise.
         cpu_s: CPU seconds of the attempt; None if not known.
     """
@@ -90,7 +91,8 @@ class CellProcess:
 
         Raises:
             StoppedError: If `stop` was called during the cell.
-            OtherCodeError: If the code of the process differs from that of the key.
+            OtherCodeError: If the code in the process differs from the code of which
+                the cell's key was made.
             RecordError: If the result cannot be written.
         """
         began, ending = Beginning(), Ending(how="")

@@ -115,8 +115,8 @@ class Outcome:
         folder: Folder of the cell.
         date: Date and time of the beginning, ISO 8601, UTC; empty if not known.
         machine: "processor", "cores", "system" and "python"; empty if not known.
-        load: Load average of one minute at its beginning and end; None if the system
-            has none.
+        load: Load average of the machine over one minute, at the beginning and at the
+            end of the cell; None if the system has none.
         cpu_s: CPU seconds of the worker; None if not known.
         versions: Versions of packages.
         was_cut: Whether a hard limit ended the work, and this is the result of its

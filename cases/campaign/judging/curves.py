@@ -1,15 +1,17 @@
 """Curves of solvers: best cost and reached targets over effort, performance profiles.
 
 history   the best cost so far on a scenario: lowest, median, highest of the runs
-ecdf      the share of (seed, target) pairs reached: 51 targets between the best
-          known cost and the worst first value, in equal ratios of distance
+ecdf      the share of (seed, target) pairs reached, for 51 targets between the best
+          known cost and the worst first value; their distances from the best known
+          cost are in equal ratios
 profile   the share of instances on which a solver is near the fastest:
 
     rho_s(ratio) = share of instances in which t(s) <= ratio * min over solvers of t
 
-t is the effort of a solver to reach the target, infinite if it never did. An instance
-that no solver has reached counts in the total, but for no solver. The order of two
-solvers in a profile can change if a third one is left out (Gould and Scott 2016).
+rho_s is the profile of the solver s, and t(s) its effort to reach the target, infinite
+if it never did. An instance that no solver has reached counts in the total, but for no
+solver. The order of two solvers in a profile can change if a third one is left out
+(Gould and Scott 2016).
 
 Source: Dolan and More (2002), Benchmarking optimization software with performance
 profiles, Mathematical Programming 91; Gould and Scott (2016), A note on performance

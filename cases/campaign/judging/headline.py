@@ -1,10 +1,10 @@
 """A comparison in one sentence, which claims no more than its tests show.
 
-The null hypothesis, which searches have to beat, is IPOPT from random starts; if that
-is not among the solvers, it is the first solver. The sentence mentions a difference
-only if the tests show it on its scenario, and still show it with p values adjusted for
-everything that the sentence could have claimed, on all scenarios and for all solvers
-(Holm).
+The null hypothesis, which searches have to beat, is IPOPT from random starts; if IPOPT
+from random starts is not among the solvers, the first solver takes its place. The
+sentence mentions a difference only if the tests show it on its scenario, and still show
+it with p values adjusted for everything that the sentence could have claimed, on all
+scenarios and for all solvers (Holm).
 """
 
 from __future__ import annotations

@@ -8,8 +8,9 @@ Two solvers are compared in three ways, seed by seed:
     seconds    is it faster? The signed-rank test of logarithms; only if asked for
 
 All p values of a scenario are adjusted together (Holm), so that the chance of any false
-claim about it stays below 5 percent: 4 for cost and success, 1 for seconds. The shares
-are fixed, so that claims about costs never depend on the load of a machine.
+claim about the scenario stays below 5 percent: 4 percent for cost and success, 1
+percent for seconds. The shares are fixed, so that claims about costs never depend on
+the load of a machine.
 
 Two deterministic solvers are compared without a test, since nothing is random. A
 deterministic solver has one run, which counts for each seed of the other solver; its

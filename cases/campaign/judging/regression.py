@@ -1,11 +1,11 @@
 """Regression test: is a solver worse in a newer comparison than in an older one?
 
-Of each solver on each scenario the success rate, the costs and the seconds are compared
-with a margin m:
+For each solver on each scenario the changes of success rate, costs and seconds are
+compared with a margin:
 
     worse      the 90 percent interval of the change lies beyond the margin
-    better     it lies beyond the margin on the other side
-    same       it lies within the margin on both sides
+    better     the interval lies beyond the margin on the other side
+    same       the whole interval lies within the margin
     unknown    anything else: more seeds would tell
 
 Thus a solver that is not worse is called worse in far less than 5 percent of the rows.

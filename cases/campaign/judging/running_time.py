@@ -1,12 +1,13 @@
 """Expected running time of solvers to a target, from the histories of their runs.
 
-    ERT(target) = effort of all runs until they reach it or end / number that reach it
+    ERT(target) = effort of all runs until they reach the target or end
+                  / number of runs that reach it
 
 so that the effort of failed runs counts. A history has the best answer so far at marks
 of the effort, so that any budget and any target can be chosen afterwards. A solver's
 own values count only if its verified answer supports them: a run has reached a target
-if its verified cost has reached it; the time is the first mark of its history with that
-cost, or its end.
+if its verified cost has reached it. The effort counted is that of the first mark of the
+run's history with that cost, or that of the whole run.
 
 Source: Hansen, Auger, Ros, Mersmann, Tusar and Brockhoff (2021), COCO: a platform for
 comparing continuous optimizers in a black-box setting, Optimization Methods and

@@ -1,7 +1,8 @@
 """A solver on a scenario: its cells, one for each seed, and its runs read from them.
 
-A run that failed, was cut or has no feasible answer counts in all numbers. `Asked` has
-the settings of the comparison, `About` what is known of a scenario from elsewhere.
+A run that failed, that a limit of time has ended, or that has no feasible answer counts
+in all numbers. `Asked` has the settings of the comparison, `About` what is known of a
+scenario from elsewhere.
 """
 
 from __future__ import annotations

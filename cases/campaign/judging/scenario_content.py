@@ -1,7 +1,8 @@
 """Results of solvers on one scenario, as plain data for tables and pages.
 
 The best known cost is the least verified one here, or one given from elsewhere if that
-is lower. A run that failed, was cut or has no feasible answer counts in all numbers.
+is lower. A run that failed, that a limit of time has ended, or that has no feasible
+answer counts in all numbers.
 """
 
 from __future__ import annotations

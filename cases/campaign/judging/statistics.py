@@ -6,8 +6,8 @@ intervals of a change between paired runs, ranks with ties).
 
 Each end of an interval of a change is wrong in 5 percent of the cases. For mean ranks
 the solvers are ranked by cost in each seed: 1 is the cheapest, equal ones share the
-mean of their ranks, and infeasible answers are last. A scenario's rank is the mean over
-its seeds.
+mean of their ranks, and infeasible answers are last. The rank of a solver on a scenario
+is the mean over the seeds.
 
 Source of the intervals: Hodges and Lehmann (1963), Estimates of location based on rank
 tests, Annals of Mathematical Statistics 34; Hollander, Wolfe and Chicken (2014),

@@ -1,4 +1,4 @@
-"""The cells of a comparison: every solver on every scenario, seed by seed, and bounds.
+"""The runs of a comparison: every solver on every scenario, seed by seed, and bounds.
 
 A scenario is compared by its one planning problem, or by whole runs in closed loop. A
 run in closed loop needs a solver that a controller can use: a search of this package,
@@ -6,9 +6,10 @@ IPOPT, or IPOPT from random starts. On scenarios of kind swarm only rules of swa
 compared, and rules of swarms on no other scenarios. Solvers that do not fit a scenario
 are left out of it, and listed as left out.
 
-Lower bounds have cells of their own, after all runs: a bound does not count in the
-seconds of any solver, and is kept and resumed like a run. It concerns one plan, so
-scenarios that are compared by whole runs have none.
+Each run is a cell, a unit of work of its own (`engine/cells.py`). Lower bounds have
+cells, too, after all runs: a bound does not count in the seconds of any solver, and is
+kept and resumed like a run. It concerns one plan, so scenarios that are compared by
+whole runs have none.
 """
 
 from __future__ import annotations

@@ -26,12 +26,12 @@ given the sampled system of the core, that is, of the problem after all rewrites
 (ocp/statement/rewrites/chain.py):
 
     (x, k)+ = (F(x, u), k + 1)     F integrates over interval k
-    min sum L(x_k, u_k) + V(x_N)   L is the cost of interval k
-    rows at the checks, limits of the controls, rows at the end
+    min sum L(x_k, u_k) + V(x_N)   L is the cost of interval k, V that of the end
+    constraints at the checks, limits of the controls, constraints at the end
 
-It uses its default method for sampled systems: shooting with SciPy's SLSQP, whose
-derivatives are differences of whole simulations. An evaluation is one simulation of the
-horizon.
+python-control uses its default method for sampled systems: shooting with SciPy's SLSQP,
+whose derivatives are differences of whole simulations. An evaluation is one simulation
+of the horizon.
 """
 
 from __future__ import annotations

@@ -30,7 +30,8 @@ class TrialResult:
     """Entries that the result of a plan and that of a flight share.
 
     Attributes:
-        sense: 1 if the cost is minimised, -1 if its negative is maximised.
+        sense: 1 if the cost is minimised, -1 if it is the negative of a value that is
+            maximised.
         claimed_cost: Cost that the solver reports; None if it reports none.
         claimed_violation: Violation that the solver reports, scaled [1].
         claimed_feasible: Whether the solver calls its answer feasible.

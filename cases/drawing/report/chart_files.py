@@ -41,7 +41,7 @@ _NAME = 60
 
 
 class Rule(NamedTuple):
-    """A rule of a style sheet: classes of parents, class or tag of itself, looks."""
+    """A rule of a style sheet: classes of parents, class or tag of an element, look."""
 
     around: frozenset[str]
     own: str

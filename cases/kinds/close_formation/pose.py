@@ -2,7 +2,8 @@
 
     J = sum over the horizon of e'Q e at the ends of its steps                (5.21)
 
-e = (x - x_C, y - y_C, z - z_C, V - V_L, psi - psi_L). The number is that of the
+with e = (x - x_C, y - y_C, z - z_C, V - V_L, psi - psi_L), the weights Q, the slot
+(x_C, y_C, z_C), and the leader's speed V_L and heading psi_L. The number is that of the
 equation in the chapter (docs/chapter). The leader's speed, heading and height are
 parameters of the model, with their values at the time of planning.
 
@@ -11,8 +12,9 @@ velocity:
 
     w_k+1 = a w_k + sigma sqrt(1 - a^2) n_k,   a = exp(-V dt / L)
 
-with n_k standard normal: variance sigma^2, correlation exp(-V t / L), L the scale
-length and V the airspeed. Source: MIL-F-8785C, the longitudinal Dryden spectrum.
+with n_k standard normal and the time step dt: the variance is sigma^2 and the
+correlation over a time t is exp(-V t / L), with the scale length L and the airspeed V.
+Source: MIL-F-8785C, the longitudinal Dryden spectrum.
 """
 
 import itertools

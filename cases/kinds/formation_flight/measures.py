@@ -1,7 +1,7 @@
 """Measures of a formation flight.
 
-Positions are those of the plant, not of plans. Distances and clearances use its path
-between its integration steps, too.
+Positions are those of the plant, not of plans. Distances and clearances use the plant's
+path between its integration steps, too.
 """
 
 from collections.abc import Mapping

@@ -1,6 +1,7 @@
 """The planning problem of one UAV of a formation flight, and its terminal set.
 
-With e = x - x_L - slot for x = (v, psi, x, y), in axes that do not turn (5.4),
+With e = x - x_L - slot for the states x = (v, psi, x, y) of the UAV and x_L of the
+leader, in axes that do not turn (5.4), the controls u, and steps k of the length dt,
 
     minimise  J = sum_k dt (e_k'Q e_k + u_k'R u_k) + e_N'P e_N            (5.5)-(5.7)
 
@@ -17,10 +18,11 @@ The set as the chapter prints it has errata, and is kept for measurements:
     (5.12)  FP + PF' = -Q
     (5.14)  alpha K'PK <= u_max^2
 
-The first is the Lyapunov equation of the transposed loop: the ellipsoid of its solution
-need not be invariant for the loop itself. The two sides of the second do not conform;
-read as alpha K P K' they do, but P stands in the place of its inverse, and no input is
-bounded. `terminal_set.input_excess` returns the excess over the bounds. The correct
+with the gain K and the loop e' = F e. The first is the Lyapunov equation of the
+transposed loop: the ellipsoid of its solution need not be invariant for the loop
+itself. The two sides of the second have different shapes. If the left one is read as
+alpha K P K', the shapes agree, but P stands in the place of its inverse, and no input
+is bounded. `terminal_set.input_excess` returns the excess over the bounds. The correct
 formulas are in the docstrings of the modules `matrix_equations.py` and `ellipsoid.py`
 in `terminal_set/linear`.
 """

@@ -4,7 +4,10 @@ States (x, y, psi_W, V_W, z, zeta): position of the leader seen from the wingman
 ahead and y to the right in the frame of the wingman's velocity [ft]; heading, positive
 to the right [rad]; speed [ft/s]; height above the leader [ft] and its rate [ft/s].
 Controls (V_Wc, psi_Wc, h_Wc): commands to the autopilot. Parameters (V_L, psi_L, h_L):
-speed, heading and height command of the leader.
+speed, heading and height command of the leader. dC_L, dC_D and dC_Y are what the wake
+adds to the wingman's coefficients of lift, drag and side force (`horseshoe_vortex.py`),
+q is the dynamic pressure, S the wing area, m the mass, tau_psi, tau_V, t_a and t_b are
+the lags of the autopilot, and w the gusts, if there are any.
 
     psi_E  = psi_L - psi_W
     r      = (psi_Wc - psi_W)/tau_psi + qS/(m V_W) dC_Y
@@ -22,17 +25,18 @@ aerodynamics "linear": dC = C_y (y - ybar) + C_z z, derivatives at the slot
              "none": dC = 0, no wake
 heading_from "leader": the control is psi_Wc - psi_L in place of psi_Wc
 
-A turn rate limit is that of the autopilot: it saturates (psi_Wc - psi_W)/tau_psi.
+A limit of the turn rate is that of the autopilot, and limits (psi_Wc - psi_W)/tau_psi
+only.
 
 The variant "corrected" is the above. "literal" is (5.20) as printed, linear: y in place
 of y - ybar, a constant lift that h_Wc has to hold down, and + qS/m C_Dz z, which is
 zero, in place of - qS/m dC_D. In both variants the last row is zeta' (printed xi'), and
 psi_E, which the chapter leaves undefined, is as above.
 
-The wake is that of the F-16 class, rederived; its numbers are not those of the thesis
-that the chapter cites.
-Its speed is that of the flight condition (`Aircraft.speed_ft_s`), not the chapter's 200
-ft/s, at which such an aircraft cannot fly level; V_W in qS/(m V_W) is the state.
+The wake is derived anew for the F-16 class; its numbers are not those of the thesis
+that the chapter cites. The speed for which the wake is computed is that of the flight
+condition (`Aircraft.speed_ft_s`), not the chapter's 200 ft/s, at which such an aircraft
+cannot fly level; V_W in qS/(m V_W) is the state.
 """
 
 import math

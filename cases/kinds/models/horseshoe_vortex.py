@@ -5,9 +5,15 @@ geometry and flight condition of an aircraft of the F-16's class, by the equatio
 below; they are not the coefficients of the thesis that the chapter cites.
 
 Two trailing vortices of circulation Gamma, bp = pi b/4 apart, leave the leader in level
-flight. The wingman is y beside and z above the leader; with M the squared core radius,
+flight. The aircraft have the span b, the weight W, the wing area S, the lift slope a,
+and a fin of the height h, the area S_fin and the efficiency eta; V is the speed, qbar
+the dynamic pressure. The wingman is y beside and z above the leader; with M the squared
+core radius,
 
     C_L = W / (qbar S),    G = Gamma / V = C_L S / (2 bp),    s(d, h) = d^2 + h^2 + M
+
+In the quotients W/V and S/V, and only there, W is the upwash and S the sidewash, as is
+usual; elsewhere W is the weight and S the wing area.
 
     upwash W/V, the mean over a span bp of the wingman, positive up:
         W/V = G / (4 pi bp) ln[ s(y, z)^2 / (s(y - bp, z) s(y + bp, z)) ]

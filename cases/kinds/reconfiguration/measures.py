@@ -1,9 +1,10 @@
 """Measures of a reconfiguration; definitions in names.py.
 
-The gap of a plan is its cost J minus the lowest known one from the same state. That is
-the lowest of the flown plan and, polished by IPOPT, the basins of a long L-SHADE search
-and of random points. From the first state of the chapter's experiment one random start
-in seven finds the best minimum; from later states all random starts find it.
+The gap of a plan is its cost J minus the lowest known cost from the same state: the
+least cost of the flown plan, of the best distinct points (basins) of a long L-SHADE
+search, each improved by IPOPT, and of random points, improved likewise. From the first
+state of the chapter's experiment one random start in seven finds the best minimum; from
+later states all random starts find it.
 """
 
 import itertools

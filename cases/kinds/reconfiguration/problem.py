@@ -3,9 +3,10 @@
     J = sum over the horizon's intervals and the UAVs of e_i'Q e_i            (5.38)
     e_i = x_ref,i - (x_i - x_L)     at the ends of the intervals
 
-with x = (v, psi, x, y) and x_ref = (0, 0, slot); headings are not wrapped. Constraints
-are (5.33) and (5.34), the limits of the distance of every two UAVs, at every check.
-Numbers such as (5.38) are equations of the chapter (docs/chapter).
+with x = (v, psi, x, y) the state of a UAV, x_L that of the leader, x_ref = (0, 0, slot)
+and the weights Q; headings are not wrapped. Constraints are (5.33) and (5.34), the
+limits of the distance of every two UAVs, at every check. Numbers such as (5.38) are
+equations of the chapter (docs/chapter).
 
 The assignment `shortest` of slots minimises the sum of squared distances. The leader
 keeps the slot at (0, 0).

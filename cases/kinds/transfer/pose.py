@@ -5,16 +5,19 @@ subject to  the model `bank_to_turn` with controls a and phi, bounds on a, phi a
 the safe distance of every two UAVs at every check,
 each UAV in its goal at the end, with any speed and heading
 
-The search chooses among paths of each UAV to its goal with three coefficients. With
-s = t / T, the displacement d = p_f - p_0 - v_0 T that the initial velocity leaves to be
-made, the vector e = p_f - p_0 to the goal, and n, which is e turned to the left,
+Here a_i is the acceleration and phi_i the bank angle of UAV i, R_1 and R_2 are weights.
+The search chooses among paths p(t) of each UAV from its start p_0, with the velocity
+v_0, to its goal p_f in the time T. A path has three coefficients c_1, c_2 and c_3 in
+[-1, 1]; l and m are the settings `lateral` and `along`. With s = t / T, the
+displacement d = p_f - p_0 - v_0 T that the initial velocity leaves to be made, the
+vector e = p_f - p_0 to the goal, and n, which is e turned to the left,
 
     p(t) = p_0 + v_0 t + d h(s) + l (c_1 b_1(s) + c_2 b_2(s)) n + m c_3 b_1(s) e
     h(s) = (3 s^2 - s^3) / 2,   b_1 = sin^2(pi s),   b_2 = sin^2(pi s) cos(pi s)
 
-begins in p_0 with v_0 and ends in p_f for all coefficients in [-1, 1]; with c = 0 no
-path that does so has a smaller integral of p''^2. Speed and heading are those of p',
-and the controls follow from p as well (p is a flat output):
+begins in p_0 with v_0 and ends in p_f for all coefficients. If all three are 0, no path
+from p_0 with v_0 to p_f has a smaller integral of p''^2. Speed and heading are those of
+p', and the controls follow from p as well (p is a flat output):
 
     v = |p'|,  a = p'.p'' / v,  phi = asin or atan of (p' x p'') / (v g)
 """

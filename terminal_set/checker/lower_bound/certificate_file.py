@@ -81,11 +81,14 @@ class Step:
 
     Attributes:
         middle: Middle of the box of (t, x) that is scaled to [-1, 1], 1 + n numbers.
-        half: Half the widths of that box, above 0, 1 + n numbers.
-        exponents: A tuple of 1 + n whole numbers for each coefficient.
+        half: Half of the width of that box in each variable, above 0, 1 + n numbers.
+        exponents: For each coefficient the degrees of its Chebyshev polynomials in t
+            and the n states, a tuple of 1 + n whole numbers.
         coefficients: Coefficients of the products of Chebyshev polynomials.
-        slack: Slack of the inequality over the set, >= 0.
-        end_slack: Slack of the inequality at the end, >= 0; None if nothing is stated.
+        slack: Slack of V_t + L + V_x f >= -slack over the set of (t, x), with the rates
+            f and the stage cost L; >= 0.
+        end_slack: Slack of V <= phi + end slack at the end, with the terminal cost phi;
+            >= 0; None if nothing is stated.
     """
 
     middle: Vector
@@ -105,8 +108,10 @@ class Certificate:
         directions: Directions of the tube's faces; the first 2n are the axes.
         times: Times of the tube, from 0 to the latest end.
         levels: A row of levels for each time.
-        prunings: Pairs of steps (come, go), in order: lower bounds of the costs to come
-            and to go. Each removes the points (t, x) at which their sum is too large.
+        prunings: Pairs of steps (come, go), in order, which give lower bounds of the
+            cost from the start to (t, x) and of the cost from there to the end. Each
+            pair removes the points (t, x) at which the sum of the two is above the
+            known cost.
         final: The step that gives the bound.
         known: Cost of a known solution, which prunings compare with; None if there is
             none.

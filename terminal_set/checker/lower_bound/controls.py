@@ -1,11 +1,11 @@
 """Values of a tape as exact polynomials in the controls.
 
-A value is a sum over products p of controls of c_p(t, x) p, of degree 2 at most, with
-c_p values of a new tape. Sums, products and divisions by values without controls keep
-that form, so no derivative is needed to see that a problem is affine in its controls. A
-control is boxed if this fails for it, or if the factor of its square is not a number
->= 0: it becomes a coordinate of the boxes, beside t and x. Constants are exact
-fractions.
+A value is a sum over products p of controls of c_p(t, x) p, of degree 2 at most; the
+factors c_p are values of a new tape. Sums, products and divisions by values without
+controls keep that form, so no derivative is needed to see that a problem is affine in
+its controls. A control for which this fails, or whose square has a factor that is not a
+number >= 0, is "boxed": it becomes a coordinate of the boxes of the search, as t and x
+are. Constants are exact fractions.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _SECOND = 2
 
 
 class _BoxedError(Exception):
-    """A control must be boxed."""
+    """A control must become a coordinate of the boxes."""
 
     def __init__(self, control: int) -> None:
         super().__init__()
@@ -37,7 +37,7 @@ class _BoxedError(Exception):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Split:
-    """A problem as polynomials in the controls.
+    """The rates f and the stage cost L of a problem as polynomials in the controls.
 
         f = drift + sum of columns[k] u_k,  L = stage + sum of linear[k] u_k + q_k u_k^2
 
@@ -48,7 +48,8 @@ class Split:
         drift: Indices of the n values of the drift.
         columns: For each free control the indices of n values; None stands for 0.
         stage: Index of the value of the stage cost without free controls.
-        linear: Index of the value of each free control's factor; None stands for 0.
+        linear: For each free control the index of the value of its factor; None stands
+            for 0.
         quadratic: q_k >= 0 for each free control.
         end: Index of the value of phi.
         path: Indices of the values of the path constraints.
@@ -75,7 +76,7 @@ class Split:
 
 
 def split(problem: Problem, deadline: Deadline = NEVER) -> Split:
-    """Write a problem as polynomials in the controls; box as few as possible.
+    """Write a problem as polynomials in the controls, as few of them boxed as possible.
 
     Args:
         problem: Problem of the file; its end and constraints depend on no control.
@@ -95,7 +96,7 @@ def split(problem: Problem, deadline: Deadline = NEVER) -> Split:
 
 @dataclass(slots=True)
 class _Writer:
-    """Writer of values: equal ones once, constants folded exactly."""
+    """Writer of values: equal ones once, and operations on constants done exactly."""
 
     nodes: list[Node] = field(default_factory=list)
     numbers: dict[Node, int] = field(default_factory=dict)

@@ -6,13 +6,15 @@ in [lo, hi], with beta = b + 2 q v and w = u - v,
     b u + q u^2 = b v + q v^2 + beta w + q w^2
 
 and beta w + q w^2 >= -beta^2 / (4 q) for all w. As lo - v <= w <= hi - v, it is also
->= -D, with R a bound of |beta| for beta of one sign, and
+>= -D. For beta > 0 let W = v - lo, for beta < 0 W = hi - v, and in each case R an upper
+bound of |beta|. Then
 
-    D = R^2 / (4 q) if R <= 2 q W, else W (R - q W),  W = v - lo (beta > 0) or hi - v.
+    D = R^2 / (4 q)  if R <= 2 q W,  else W (R - q W),
 
-If v is near the minimiser at the box's middle, beta is small in the first bound, and
-its square joins the quadratic part of the Taylor model. The second bound is better if
-the minimiser is clipped, or if q is small or 0.
+and D is the larger one of the two signs. If v is near the minimiser at the box's
+middle, beta is small in the first bound, and -beta^2 / (4 q) joins the quadratic part
+of the Taylor model. The second bound is better if the minimiser is at an end of [lo,
+hi], or if q is small or 0.
 """
 
 from __future__ import annotations
@@ -58,8 +60,9 @@ class Least:
         below: Models whose lower bounds are lower bounds of the least value.
         at: Models of the values at some admissible controls, which are not below the
             least value.
-        pull: How much the bound loses by the width of each variable, beyond the loss in
-            `below`, shape (d, N); cuts are chosen by it.
+        pull: Estimate of how much worse the bound is because of the width of the box in
+            each variable, beyond the loss in `below`, shape (d, N); boxes are cut along
+            the largest one.
     """
 
     below: Model

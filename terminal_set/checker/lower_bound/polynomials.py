@@ -1,18 +1,21 @@
 """Polynomials of a certificate: exact values, and Taylor models over boxes.
 
-    V(y) = sum over j of coefficients[j] * product over a of T_e(j,a)(z_a),
+With y = (t, x), T_n the Chebyshev polynomial of degree n, and E = `exponents`,
+
+    V(y) = sum over j of coefficients[j] * product over a of T_E[j][a](z_a),
     z = (y - middle) / half
 
-About the middle z0 of a box, T_e(z0 + d) = sum over p of T_e^[p] d^p with the
-derivatives T_e^[p] = (d/dz)^p T_e / p! from the recurrence T_(e+1) = 2 z T_e - T_(e-1),
-differentiated. So V is expanded about y0 to its full degree, exactly except for
-rounding. Terms beyond the order of the models are bounded by the sum of their absolute
-values. So terms of the polynomial cancel before anything is bounded.
+About the middle z0 of a box, T_n(z0 + r) = sum over p of T_n^[p] r^p with the
+derivatives T_n^[p] = (d/dz)^p T_n / p! at z0, from the recurrence T_(n+1) = 2 z T_n -
+T_(n-1), differentiated. So V is expanded about the middle to its full degree, exactly
+except for rounding, and terms that cancel do so before anything is bounded. Terms
+beyond the order of the models are bounded by the sum of their absolute values.
 
-Rounding: each T_e^[p] is a ball (middle, radius) of the recurrence. All further steps
-are sums of products of the table's floats with the coefficients: the result is off by
-at most ((1 + share)^d - 1 + rounding) times the same sum of absolute values, `share`
-the largest radius as a share of the rows' absolute sums.
+Rounding: each T_n^[p] is computed by the recurrence as a ball, with a middle and a
+radius. All further steps are sums of products of these middles with the coefficients.
+In d variables the result is off by at most ((1 + share)^d - 1 + rounding) times the
+same sum with absolute values, where `share` is the largest ratio of a sum of radii to
+the sum of absolute values in the same row.
 """
 
 from __future__ import annotations
@@ -107,7 +110,7 @@ class Expansion:
         return self._model(None)
 
     def derivative(self, axis: int) -> Model:
-        """Return its derivative by t (axis 0) or a state as models."""
+        """Return the polynomial's derivative by t (axis 0) or a state as models."""
         return self._model(axis)
 
     def _model(self, axis: int | None) -> Model:
@@ -177,7 +180,7 @@ def _powers(radius: Array, count: int) -> Array:
 
 
 def _table(y: Array, middle: float, half: float, size: int) -> tuple[Array, Array]:
-    """Return T_e^[p] at z(y) and radii of balls about them, each (N, size, size)."""
+    """Return T_n^[p] at z(y) and radii of balls about them, each (N, size, size)."""
     z = (y - middle) / half
     z_radius = np.abs(z) * 2.0**-50  # A difference and a quotient are rounded.
     table = np.zeros((y.size, size, size))

@@ -3,14 +3,14 @@
 The limits are the tube, the bounds of the states, the constraints and the prunings. The
 tube of the file is { x : d_k x <= s_k(t) }, with s_k linear between the times.
 
-On each face d_k f < s_k' must hold; then no admissible trajectory leaves the tube. For
-a proof, take the last time up to which a trajectory stayed inside. A face that it
-touches at this time has d_k f < s_k' there for all controls. As f is continuous and the
-controls' box is compact, the inequality also holds for some time after, in which the
-trajectory does not cross the face. The inequality is strict: if a face rises just as
-fast as the fastest trajectory, the check stays open, since rounding cannot decide it. A
-face with s_k >= the largest d_k x over the bounds of the states is not crossed by an
-admissible trajectory, for any f.
+On each face, d_k f < s_k' must hold for the rates f; then no admissible trajectory
+leaves the tube. For a proof, take the last time up to which a trajectory stayed inside.
+A face that it touches at this time has d_k f < s_k' there for all controls. As f is
+continuous and the controls' box is compact, the inequality also holds for some time
+after, in which the trajectory does not cross the face. The inequality is strict: if a
+face rises just as fast as the fastest trajectory, the check stays open, since rounding
+cannot decide it. A face with s_k >= the largest d_k x over the bounds of the states is
+not crossed by an admissible trajectory, for any f.
 """
 
 from __future__ import annotations
@@ -167,7 +167,7 @@ def is_cut_off(
 
     Args:
         direction: d, shape (n,).
-        levels: Levels at both ends of a slab.
+        levels: Levels at the beginning and at the end of an interval of times.
         certificate: Certificate with the bounds.
     """
     lower, upper = certificate.problem.state_box
@@ -183,9 +183,12 @@ def is_cut_off(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pruned:
-    """The condition of a pruning on (t, x), with costs C to come and G to go.
+    """The condition of a pruning: the points (t, x) that keep it are not removed.
 
-    C(0, x0) - C + G - slack_C t - slack_G (latest - t) - end slack - known <= 0.
+    With the `Step` C for the cost from the start to (t, x), and the `Step` G for the
+    cost from there to the end, the condition is
+
+        C(0, x0) - C + G - slack_C t - slack_G (latest - t) - end slack - known <= 0.
 
     Attributes:
         come: Step with C.
@@ -236,7 +239,7 @@ class Region:
         certificate: Certificate with the bounds and the horizon.
         split: The problem as polynomials in the controls.
         tube: Tube of the file, which is proven to hold admissible trajectories.
-        stated: Tube in which counterexamples must lie: that of the file as well.
+        stated: Tube in which counterexamples must lie, which is that of the file, too.
         prunings: The proven prunings.
     """
 

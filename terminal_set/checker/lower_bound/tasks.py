@@ -1,4 +1,9 @@
-"""The inequalities of a certificate as tasks for branch and bound."""
+"""The inequalities of a certificate as tasks for branch and bound.
+
+f are the rates of the states, L is the stage cost, phi the terminal cost, and V(t, x)
+the polynomial of a step, with the derivatives V_t and V_x. Face k of the tube is
+d_k x = s_k(t).
+"""
 
 from __future__ import annotations
 
@@ -39,7 +44,7 @@ from swarmstart.terminal_set.checker.search import (
 
 @dataclass(frozen=True, eq=False)
 class _Hamiltonian:
-    """first + sum of weights_i f_i, + L, least over the controls.
+    """The least value over the controls of first + sum of weights_i f_i, + L if wanted.
 
     Attributes:
         split: The problem.
@@ -87,7 +92,7 @@ class _Hamiltonian:
 
 @dataclass(frozen=True, eq=False)
 class StepTask:
-    """V_t + L + V_x f >= -slack over a region, for all controls.
+    """The task V_t + L + V_x f >= -slack over a region, for all controls.
 
     Attributes:
         step: Step with V and its slack.
@@ -141,7 +146,7 @@ class StepTask:
 
 @dataclass(frozen=True, eq=False)
 class EndTask:
-    """V <= phi + end slack over the admissible ends in a region.
+    """The task V <= phi + end slack over the admissible ends in a region.
 
     Attributes:
         step: Step with V and its end slack.
@@ -187,10 +192,10 @@ class EndTask:
 
 @dataclass(frozen=True, eq=False)
 class FaceTask:
-    """s_k' > d_k f on a face of the tube, for all controls.
+    """The task s_k' > d_k f on a face of the tube, for all controls.
 
     On the face, the coordinate with the largest entry of d_k follows from the others;
-    the boxes have 0 in its place.
+    the boxes have 0 in the place of this coordinate.
 
     Attributes:
         face: Number k of the face.
@@ -210,7 +215,7 @@ class FaceTask:
         return int(np.abs(self.region.tube.directions[self.face]).argmax())
 
     def roots(self, slabs: Sequence[int]) -> Boxes:
-        """Return a box for each of some slabs."""
+        """Return a box for each of some intervals of times."""
         one, times = self.region.roots(), self.region.tube.times
         numbers = np.array(slabs, dtype=np.int64)
         lower = np.repeat(one.lower, len(slabs), axis=1)

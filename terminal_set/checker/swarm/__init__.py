@@ -1,5 +1,5 @@
 """Check of a certificate of a swarm's flight.
 
-It states that no two vehicles come too near, and that plans followed the rule of
-proposing, accepting and committing.
+The certificate states that no two vehicles come too near, and that plans followed the
+rule of proposing, accepting and committing.
 """

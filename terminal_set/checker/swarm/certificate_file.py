@@ -1,11 +1,12 @@
 """Statements of a certificate of a swarm's flight, and their reader.
 
-Times are steps of a grid; a step has a fixed number of ticks. A plan has samples,
-positions at successive steps, and bulges, largest deviations: between two samples the
-vehicle stays within the bulge of a point that moves along the straight line between
-them (the chord) at constant speed. After the last sample the vehicle stays within the
-last bulge of it for ever. Positions are scaled such that the least distance of two
-vehicles is the same in all directions.
+Times are steps of a grid; a step has a fixed number of ticks, equal parts in each of
+which vehicles exchange messages. A plan has samples, which are positions at successive
+steps, and bulges, which are distances. Between two samples the distance of the vehicle
+from a point that moves along the straight line between them (the chord) at constant
+speed is at most the bulge there. After the last sample the vehicle stays for ever
+within the last bulge of this sample. Positions are scaled such that the least distance
+of two vehicles is the same in all directions.
 """
 
 from __future__ import annotations
@@ -80,10 +81,10 @@ class Plan:
         vehicle: Number of the vehicle.
         tube: Path of the plan, and how far the vehicle may be away from it.
         parting: Last step at which the plan is equal to the one that it replaces.
-        proposed: Tick at which it was proposed; -1 at the start.
-        ended: Tick at which it was committed to or withdrawn; -1 at the start; OPEN if
-            neither has happened.
-        committed: Whether it was committed to.
+        proposed: Tick at which the plan was proposed; -1 at the start.
+        ended: Tick at which the plan was committed to or withdrawn; -1 at the start;
+            OPEN if neither has happened.
+        committed: Whether the plan was committed to.
         accepted: Tick at which each vehicle accepted it, or None.
     """
 

@@ -1,4 +1,4 @@
-"""Distances of tubes, proven by a separating plane in rounded numbers.
+"""Distances of tubes (`certificate_file.Tube`), proven by a separating plane in floats.
 
 Between two steps the difference of two chords is a segment from a to b. If n is a
 vector of at most unit length,
@@ -22,7 +22,8 @@ def separated(start: Array, end: Array, least: Array) -> NDArray[np.bool_]:
     """Return whether segments are proven to stay a distance away from the origin.
 
     Args:
-        start: Beginnings of the segments, shape (..., 3); differences of numbers.
+        start: Beginnings of the segments, shape (..., 3); rounded differences of two
+            floats.
         end: Ends of the segments, shape (..., 3).
         least: The distances to be kept, shape (...).
     """

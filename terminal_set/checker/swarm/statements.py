@@ -1,7 +1,8 @@
 """The statements of a certificate of a swarm's flight, proven again one by one.
 
-No code is shared with the program that made the certificate: neither the rule nor the
-test of distances. A refusal names vehicles and steps.
+No code is shared with the program that made the certificate: neither the test of the
+rule by which vehicles commit to plans nor the test of distances. A refusal names
+vehicles and steps.
 """
 
 from __future__ import annotations

@@ -86,7 +86,7 @@ def quantity(place: Place, text: str, names: Mapping[str, float]) -> Attempt:
 
 
 def definitions(scenario: ProblemScenario) -> Iterator[Attempt]:
-    """Yield attempts to evaluate no definition, the first, the first two, and so on.
+    """Yield attempts to evaluate the first 0, 1, 2, ... definitions, all in order.
 
     There are no attempts if all definitions can be evaluated.
     """

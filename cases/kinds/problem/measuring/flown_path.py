@@ -1,8 +1,8 @@
 """The simulated path of a problem: rows, values by name, cost and constraints.
 
-There is one row for each control interval, with the plant's steps and both ends, so
-that a held control jumps between rows. The scenario's own measures use the values along
-the path by the names of the file.
+The path has one row for each control interval, with the values at both ends and at the
+plant's steps between them, so that a held control jumps from one row to the next. The
+scenario's own measures take these values by the names in its file.
 """
 
 from collections.abc import Mapping

@@ -1,8 +1,8 @@
 """Measures of a problem: those of any problem, and own ones that the scenario defines.
 
 Own measures are expressions on the simulated path. The path has one row for each
-control interval, with the plant's steps and both ends, so that a held control jumps
-between rows.
+control interval, with the values at both ends and at the plant's steps between them, so
+that a held control jumps from one row to the next.
 """
 
 import math

@@ -1,4 +1,4 @@
-"""Constants of a file in its lengths in seconds, tables over time and tolerances."""
+"""Constants of a file, used in its lengths of time, tables over time and tolerances."""
 
 from collections.abc import Mapping
 from typing import Any

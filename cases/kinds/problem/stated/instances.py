@@ -74,11 +74,11 @@ class Instances(Part):
         samples: Number of instances that are drawn; null without `drawn`.
         seed: Seed of the drawn numbers, which do not depend on --seed.
         starts: Number of starts of the local solver for each instance. The first two
-            have the guess, or else the middle of the bounds, as controls, with the
-            states to which these lead and with states that stay at the start; the
-            others have random controls. With null all instances have the first start,
-            and three more starts are made for those that fail and for some drawn at
-            random, then for further instances as long as cheaper answers are found.
+            have as controls the guess, or else the middle of the bounds: one with the
+            states to which these controls lead, one with states that stay at the start.
+            All others have random controls. With null all instances have the first
+            start, and three more starts are made for those that fail and for some drawn
+            at random, then for further instances as long as cheaper answers are found.
     """
 
     file: str = Field(default="", exclude=True)

@@ -3,10 +3,11 @@
     x' = rate(t, x, u, p, s),  x+ = next(t, x, u, p, s) at the end of an interval,
     J = integral of stage_cost + step_cost of each interval + initial and terminal cost
 
-Several vehicles share parameters and signals. If they are planned jointly they are
-stacked. If they are planned one after another, each has a problem of its own, with the
-positions of those before it as its last signals. Constraints are those of each vehicle,
-and the separation of each pair.
+with the time t, states x, controls u, parameters p and signals s. Several vehicles
+share parameters and signals. If they are planned jointly they are stacked. If they are
+planned one after another, each has a problem of its own, with the positions of those
+before it as its last signals. Constraints are those of each vehicle, and the separation
+of each pair.
 """
 
 import itertools
@@ -63,7 +64,7 @@ def model_of(
     disturbed: bool = False,
     timed: bool = False,
 ) -> Model:
-    """Return the members side by side as one model.
+    """Return one model with the states and controls of all members.
 
     Args:
         scenario: The scenario.

@@ -48,8 +48,8 @@ class State(Part):
             vehicle has its own.
         rate: Derivative in time, an expression [unit/s]; `rate` or `next` is required,
             and null means 0.
-        next: Value that the end of each control interval gives it, an expression; null
-            means that it stays as it is.
+        next: Value that the state gets at the end of each control interval, an
+            expression; null means that it stays as it is.
         periodic: Option that makes the state end at its own start.
         bounds: Bounds [lower, upper], numbers or expressions, kept at every check of a
             plan; null means no limit.

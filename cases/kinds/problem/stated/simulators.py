@@ -217,8 +217,8 @@ class CommandPart(SimulatorPart):
     """A program as the simulated system: JSON lines, in any language.
 
     Attributes:
-        command: Program and its arguments, for no shell; words that are names of files
-            in the scenario's folder are these files.
+        command: Program and its arguments, run without a shell; words that are names of
+            files in the scenario's folder mean these files.
         states: Names by which the program knows the states, in their order; null means
             the same names.
         controls: Names by which the program knows the controls, in their order; null
