@@ -18,7 +18,6 @@ PRINTED = {
         (1, 2)
         5
         [[-1.5 -0.9 -0.3  0.3  0.9  1.5]] 1.5
-        CONVERGED 1.0
         whole numbers cost ..., relaxed ...: ... % apart
         ('z',) (1, 11)
     """,
