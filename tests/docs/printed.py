@@ -5,8 +5,7 @@ from __future__ import annotations
 PRINTED = {
     "any_problem.md": """
         2.0 2.0
-        False [-0.02 -0.14]
-        True [ 0.02 -0.06]
+        [ 0.02 -0.06]
         [-0.187 -0.239]
         3.0 1.5
         {'duration of phase 1': ...
@@ -16,9 +15,9 @@ PRINTED = {
         ('x_0', 'x_1', 'x_2') [0.254 0.13 0.254]
         ('u_0', 'u_1', 'u_2') True
         ('x', 'gain') 0
+        (1, 2)
         5
         [[-1.5 -0.9 -0.3  0.3  0.9  1.5]] 1.5
-        CONVERGED 1.0
         whole numbers cost ..., relaxed ...: ... % apart
         ('z',) (1, 11)
     """,
