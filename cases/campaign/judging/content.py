@@ -205,7 +205,7 @@ def _circumstances(outcomes: Sequence[Outcome]) -> dict[str, Any]:
         versions.update(getattr(one, "versions", None) or {})
     dates = [str(getattr(one, "date", "") or "") for one in outcomes]
     return {
-        "date": max(dates, default=""),
+        "date": min(filter(None, dates), default=""),
         "machines": machines,
         "versions": versions,
         "total_seconds": float(sum(one.seconds for one in outcomes)),

@@ -193,7 +193,10 @@ def feature_flaws(scenario: ProblemScenario, what: str) -> Iterator[LocatedFlaw]
         scenario: The scenario.
         what: Key of the scenario that allows no such features.
     """
-    members = members_of(scenario, shared_of(scenario))
+    try:
+        members = members_of(scenario, shared_of(scenario))
+    except SwarmstartError:
+        return  # A later stage names the error with its place.
     for name, control in scenario.controls.items():
         for key in FEATURES:
             text = getattr(control, key)

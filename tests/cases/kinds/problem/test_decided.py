@@ -516,6 +516,12 @@ def test_a_batch_is_planned_every_period_until_its_end() -> None:
     assert path.times == pytest.approx(np.linspace(0, 2.1, 8))
 
 
+def test_an_error_in_a_definition_of_a_batch_has_its_place() -> None:
+    text = BATCH.replace("inflow**2", "inflow**2 + a") + "definitions: {a: cosine(1)}\n"
+    with pytest.raises(InvalidScenarioError, match=r"yaml:10:.*unknown function"):
+        stated(text)
+
+
 def test_a_batch_has_no_dual_mode() -> None:
     text = BATCH + "dual_mode: {Q: {level: 1}, R: {inflow: 1}, at: {level: 3}}\n"
     with pytest.raises(InvalidScenarioError, match="ends_at_s with a dual mode"):
