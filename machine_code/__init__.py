@@ -41,6 +41,7 @@ if TYPE_CHECKING:  # Loaded when first used: kernels need NumPy, the clock does 
         free_kernel as free_kernel,
         ieee_kernel as ieee_kernel,
         is_kept as is_kept,
+        is_kernel as is_kernel,
         kernel as kernel,
         prepare as prepare,
     )
@@ -55,7 +56,7 @@ _NAMES = {
     "fingerprints": "source sources",
     "kernels": """
         Count Pointers address_of call_at call_code free_kernel ieee_kernel is_kept
-        kernel prepare
+        is_kernel kernel prepare
     """,
 }
 _HOMES, __getattr__, __dir__ = door(__name__, _NAMES)

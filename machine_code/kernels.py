@@ -102,6 +102,15 @@ def prepare(function: Callable[..., object], *arguments: object) -> None:
         numba_kernels.prepare(function.made, *arguments)
 
 
+def is_kernel(function: Callable[..., object]) -> bool:
+    """Return whether Numba compiles a function: one of this module, or of its own."""
+    if isinstance(function, Deferred):
+        return True
+    from swarmstart.machine_code import numba_kernels
+
+    return numba_kernels.is_kernel(function)
+
+
 def is_kept(
     function: Callable[..., object], *arguments: object, for_kernel: bool
 ) -> bool:

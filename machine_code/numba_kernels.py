@@ -83,6 +83,11 @@ def prepare(function: Callable[..., object], *arguments: object) -> None:
         _PREPARED.add(known)
 
 
+def is_kernel(function: Callable[..., object]) -> bool:
+    """Return whether Numba compiles a function, as `kernels.is_kernel` says."""
+    return isinstance(function, CPUDispatcher)
+
+
 def is_kept(
     function: Callable[..., object], *arguments: object, for_kernel: bool
 ) -> bool:

@@ -60,6 +60,7 @@ from swarmstart.machine_code import (
     address_of,
     compiling,
     is_kept,
+    is_kernel,
     prepare,
     stopwatch,
 )
@@ -189,6 +190,9 @@ class Search:
         self.rng = rng
         self._order = self.order.running()
         self._settings = algorithm.kernel_settings(box, self._order)
+        if not hasattr(self._settings, "order"):
+            allowed = "an algorithm whose kernel_settings have the field 'order'"
+            raise InvalidSettingsError("algorithm", algorithm, allowed)
         self._basins = basins
         self._archive = new_archive(box, room=ROOM * basins, radius=float(radius))
         self.compile_seconds = 0.0
@@ -452,6 +456,9 @@ class Search:
         calls = self._calls()
         if not compiled:
             return [partial(prepare, kernel, *given) for kernel, given in calls]
+        if not all(is_kernel(kernel) for kernel, _ in calls):
+            allowed = "an algorithm whose kernels numba.njit compiles"
+            raise InvalidSettingsError("algorithm", self.algorithm, allowed)
         jobs = [partial(address_of, kernel, *given) for kernel, given in calls]
         looped = (
             *(self.rng, self._settings, (self._state, self._archive)),

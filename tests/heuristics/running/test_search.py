@@ -1,11 +1,14 @@
 """Ask and tell."""
 
+from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import ArrayLike
 
+from swarmstart.arrays import Array
 from swarmstart.heuristics import (
     CMAES,
     AskTellError,
@@ -17,12 +20,15 @@ from swarmstart.heuristics import (
     InvalidPointsError,
     InvalidSettingsError,
     InvalidSnapshotError,
+    Kernels,
     RandomSearch,
     Search,
     epsilon_level,
     feasibility_first,
     static_penalty,
 )
+from swarmstart.heuristics.laws.algorithm import CommonFields, common_fields
+from swarmstart.heuristics.laws.order import RunningOrder
 
 BOX = Box(lower=np.full(2, -1.0), upper=np.full(2, 1.0))
 
@@ -104,6 +110,39 @@ def test_refuses_initial_points_that_do_not_fit(
 ) -> None:
     with pytest.raises(InvalidPointsError, match=message):
         new_search(initial)
+
+
+@dataclass(frozen=True)
+class Plain:
+    """An algorithm of a user who has read half of what an algorithm needs."""
+
+    names_order: bool = True
+
+    @property
+    def kernels(self) -> Kernels:
+        return Kernels(propose=lambda *_: None, accept=lambda *_: None)
+
+    def first_size(self, box: Box, evaluations: int | None) -> int:
+        del box, evaluations
+        return 4
+
+    def kernel_settings(self, box: Box, order: RunningOrder) -> tuple[object, ...]:
+        del box
+        return SimpleNamespace(order=order) if self.names_order else (order,)  # type: ignore[return-value]
+
+    def start(
+        self, box: Box, population: Array, *, rng: np.random.Generator
+    ) -> CommonFields:
+        del box, rng
+        return common_fields(population)
+
+
+def test_refuses_an_algorithm_without_order_or_compiled_kernels() -> None:
+    rng = np.random.default_rng(0)
+    with pytest.raises(InvalidSettingsError, match="the field 'order'"):
+        Search(Plain(names_order=False), BOX, rng=rng)
+    with pytest.raises(InvalidSettingsError, match=r"numba\.njit"):
+        Search(Plain(), BOX, rng=rng).preparations(compiled=True)
 
 
 def test_refuses_arguments_out_of_range() -> None:
