@@ -223,10 +223,10 @@ def page(flights: dict[str, list[Flown]], command: str, seeds: int) -> list[str]
             )
         )  # fmt: skip
     return [
-        f"In {seeds} flights of {SECONDS} s with starts up to {OFFSET:g} m off, four "
-        f"followers that plan keep their slots behind the leader to "
+        f"In {seeds} flights of {SECONDS} s with starts up to {OFFSET:g} m off in each "
+        f"direction, four followers that plan keep their slots behind the leader to "
         f"{max(one.straight for one in ours):.1f} m rms in straight flight and to "
-        f"{worst['planned']:.0f} m in a turn, where a law proportional to the error "
+        f"{worst['planned']:.1f} m in a turn, where a law proportional to the error "
         f"is up to {worst['proportional']:.0f} m off; the least distance of two "
         f"aircraft is {min(one.apart for one in ours):.0f} m.",
         "",
@@ -238,17 +238,18 @@ def page(flights: dict[str, list[Flown]], command: str, seeds: int) -> list[str]
         f"{HORIZON} s and plans with lags of {TAU_V:g} s (speed) and {TAU_PSI:g} s "
         "(heading); the proportional law knows the present error alone. No plan has a "
         "constraint on the distance to the others; the distances follow from the "
-        "slots.",
+        "slots. The last row is one flight of the planned law in which the weight on "
+        f"the heading's set point is {HASTY / EFFORT:.0%} of the usual one.",
         "",
         *table,
         "",
         "## What a first-order autopilot hides",
         "",
         "- The heading turns by a bank angle, which the autopilot builds up at "
-        "0.7 rad/s: a turn begins and ends later than a first-order lag says. Plans "
-        f"that steer hard oscillate more and more: with {HASTY / EFFORT:.0%} of the "
-        "weight on the heading's set point the followers lose the formation (last row, "
-        "one flight).",
+        "0.7 rad/s: a turn begins and ends later than a first-order lag says. If "
+        "plans steer hard, the aircraft oscillate more and more: with the weight on "
+        "the difference of the heading's set point and the heading reduced to "
+        f"{HASTY / EFFORT:.0%} the followers lose the formation (last row).",
         "- In a turn the lift has to carry the load factor too: the aircraft lose or "
         "gain height, which no lag of speed and heading has.",
         "- Speed and heading act on each other: the drag of a turn costs speed, which "
@@ -270,7 +271,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     flights["planned"] = [flight(Planned(), seed) for seed in seeds]
     flights["planned by SQP"] = [flight(Planned(solver="qrsqp"), k) for k in seeds]
     flights["proportional"] = [flight(proportional, seed) for seed in seeds]
-    flights["planned in haste"] = [flight(Planned(HASTY), FIRST_SEED)]
+    flights[f"planned, heading weight {HASTY / EFFORT:.0%}"] = [
+        flight(Planned(HASTY), FIRST_SEED)
+    ]
     command = command_of("benchmarks/five_f16.py", arguments)
     publish(page(flights, command, options.seeds), options, TEXT)
     return 0
