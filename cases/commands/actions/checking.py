@@ -13,7 +13,7 @@ from swarmstart.cases.commands.terminal import DONE, answer, reported, say
 from swarmstart.cases.drawing.wording import is_number, quantity
 from swarmstart.cases.format.document import printable
 from swarmstart.cases.format.flaws import Flaw, InvalidScenarioError
-from swarmstart.cases.format.kind import Posed
+from swarmstart.cases.format.kind import Flight, Posed, SeveralPlansError
 from swarmstart.cases.format.scenario import read_document, resolve
 from swarmstart.cases.kinds.flight import flight_of
 from swarmstart.errors import SwarmstartError
@@ -61,6 +61,7 @@ def check(name_or_path: str) -> str:
                 flight = flight_of(resolved.posed(), resolved.scenario)
                 warnings |= dict.fromkeys(unit_warnings(flight.posed))
                 warnings |= dict.fromkeys(ramp_warnings(flight.posed))
+                warnings |= dict.fromkeys(start_warnings(flight))
             if resolved.code is not None:
                 not_run[f"; {printable(resolved.code)} was not run"] = None
         except InvalidScenarioError as error:
@@ -85,6 +86,23 @@ def ramp_warnings(posed: Posed) -> list[str]:
     """Return a warning for each signal that jumps between two checks of a plan."""
     advice = f"; more checks make it shorter (more: {Paragraph.RAMP})"
     return [f"{ramp}{advice}" for ramp in posed.ramps]
+
+
+def start_warnings(flight: Flight[Posed]) -> list[str]:
+    """Return a warning for each limit that the start breaks, whatever the plan is."""
+    posed = flight.posed
+    if not posed.agents:
+        return []
+    try:
+        planner = flight.loop.planner
+    except SeveralPlansError:
+        return []
+    x0, known, _ = planner.posed(posed.x0, posed.known_by(0, 0.0))
+    return [
+        f"{printable(str(excess))}, so that no plan is feasible (more: "
+        f"{Paragraph.INFEASIBLE})"
+        for excess in planner.outside(x0, known)
+    ]
 
 
 def angle_warnings(settings: Mapping[str, Any]) -> list[str]:

@@ -103,3 +103,26 @@ def test_units_that_contradict_each_other_are_warned_of(
         assert check(str(path)).endswith("valid")
         told = capsys.readouterr().err
         assert words in told and bool(words) == ("warning" in told)
+
+
+JUMP = """\
+kind: problem
+signals: {low: {times: [0, 2], values: [2, 0], between: hold}}
+states: {x: {start: START, rate: u, bounds: [low, null]}}
+controls: {u: {bounds: [-1, 1]}}
+stage_cost: u**2
+prediction: {horizon_s: 4, intervals: 4}
+"""
+
+
+@pytest.mark.parametrize(("start", "outside"), [("2", False), ("1", True)])
+def test_jumps_between_checks_and_a_start_outside_a_limit_are_warned_of(
+    start: str, outside: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "jump.yaml"
+    path.write_text(JUMP.replace("START", start))
+    assert check(str(path)).endswith("valid")
+    told = capsys.readouterr().err
+    assert "low jumps between 1 s and 2 s, where plans take it as linear" in told
+    assert ("'moving bounds of the states' is broken by 1 " in told) is outside
+    assert told.count("warning") == 1 + outside
