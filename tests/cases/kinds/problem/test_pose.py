@@ -9,6 +9,7 @@ import pytest
 
 from swarmstart.arrays import Array
 from swarmstart.cases.campaign.running.run import run
+from swarmstart.cases.commands.wording.outcomes import kept_constraints, outcome
 from swarmstart.cases.kinds.problem.pose import pose
 from swarmstart.cases.kinds.problem.stated.members import ProblemPosed
 from swarmstart.cases.record.record import Recording
@@ -334,6 +335,29 @@ def test_a_plan_for_another_system_than_the_simulated_one_is_said_to_be_one() ->
     alone = run(stated(short), seed=0)
     assert "another" not in alone.status
     assert Paragraph.OTHER_SYSTEM not in alone.ended.paragraphs
+
+
+def test_a_limit_that_jumps_between_checks_is_another_for_the_simulated_system() -> (
+    None
+):
+    """The plan keeps the ramp from 2 to 0; the plant keeps 2 until the jump."""
+    finished = run(
+        stated("""\
+kind: problem
+signals: {low: {times: [0, 2], values: [2, 0], between: hold}}
+states: {x: {start: 2, rate: u, bounds: [low, null]}}
+controls: {u: {bounds: [-1, 1]}}
+stage_cost: (1 + u)**2 + x
+prediction: {horizon_s: 4, intervals: 4}
+search: {name: none}
+"""),
+        seed=0,
+    )
+    words = "the simulated system is another; low jumps between 1 s and 2 s"
+    assert words in finished.status and words in outcome(finished)
+    assert Paragraph.OTHER_SYSTEM in finished.ended.paragraphs
+    assert finished.measures["constraint_excess"] > 0.5
+    assert kept_constraints(finished).startswith("Constraints are broken: largest")
 
 
 def test_stiff_problem_is_planned_verified_and_simulated_by_stiff_steps() -> None:
