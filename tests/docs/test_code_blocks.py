@@ -63,7 +63,9 @@ def test_the_python_of_a_page_runs_and_prints_what_is_shown(
         if block.language == "python" and not block.excluded:
             # Blank lines before make the line numbers those of the page.
             text = "\n" * block.line + block.text
-            exec(compile(text, str(PAGES[name]), "exec"), names)
+            # Not with this file's `from __future__`, which a reader does not have.
+            code = compile(text, str(PAGES[name]), "exec", dont_inherit=True)
+            exec(code, names)
             printed = capsys.readouterr().out
             everything += printed
         elif block.is_output and not block.excluded:
