@@ -315,9 +315,10 @@ def compare(  # noqa: PLR0913 - the options of a command
         solvers: Names as for `swarmstart compare --solvers`, such as
             "lshade[size=60]+ipopt", "repeated-ipopt", "solve" or "scipy-de"; one text
             can hold several with commas between. Or solvers of your own: a function
-            (problem, x0, budget, rng) -> controls, the settings of a search or their
-            class (docs/own_solver.md), which a mapping can name. The others are
-            compared with the first solver.
+            (problem, x0, budget, rng) -> controls, with `evaluate` and `known` if it
+            has parameters of these names; the settings of a search, or their class
+            (docs/own_solver.md). A mapping can name them. The others are compared with
+            the first solver.
         seeds: Number of seeds: 0, 1, ...
         budget: Budget of one planning problem: "4000evals", "5s" or a number of
             evaluations.
