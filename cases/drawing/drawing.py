@@ -289,7 +289,7 @@ def name_lines(figure: "FigureBase", *, room: int = WHOLE) -> None:
 
 
 def named_lines(figure: "FigureBase") -> "dict[str, Artist]":
-    """Return the first line of each name in the panels of a figure, by name."""
+    """Return the first line or mark of each label in a figure's panels, by label."""
     named: dict[str, Artist] = {}
     panels: list[Axes] = figure.axes  # type: ignore[assignment]
     for axes in panels:

@@ -135,7 +135,15 @@ def stated_cost(cost: object, sense: object) -> float | None:
 
 
 def rate(row: Mapping[str, Any], place: int = 0) -> float | None:
-    """Return the share of a row's runs that are near the best known cost."""
+    """Return the share of a row's runs that are near the best known cost.
+
+    Args:
+        row: Row of a report: results of a solver on a scenario.
+        place: Index in the report's list of the distances that count as near.
+
+    Returns:
+        The share; None without runs, or if the report has no such distances.
+    """
     near = row["near"]
     return near[place] / row["runs"] if row["runs"] and near else None
 

@@ -239,8 +239,8 @@ def resolve(
             search.
         polish: The polish's name; None means that of the scenario.
         assignments: "key.path=value", applied in order.
-        valid: Function that is called with each scenario whose form is right, before
-            the slow check whether its terminal set can be certified.
+        valid: Function that is called once with the scenario, if its form is right,
+            before slow checks, such as whether its terminal set can be certified.
 
     Raises:
         YamlError: If an assignment does not fit.
@@ -289,9 +289,9 @@ def resolved_again(
         settings: Attribute `settings` of the earlier result: plain data, complete and
             checked.
         variant: Attribute `variant` of the earlier result.
-        code_in: The folder of code that may be run; None if none may be run.
-        allow_code: Whether the code in that folder may be run; if not, files are only
-            looked for there.
+        code_in: Folder of the files that the scenario names; None: the working folder,
+            and no code may be run.
+        allow_code: Whether the scenario's own code may be run, if `code_in` is given.
 
     Raises:
         InvalidScenarioError: If the settings are not those of a resolved scenario.

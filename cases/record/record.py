@@ -152,7 +152,8 @@ def require_own(folder: Path, key: str, scenario: str) -> None:
     Raises:
         OccupiedFolderError: If the folder has other content, or a scenario file that
             has been changed.
-        RecordError: If the folder has finished steps that cannot be read.
+        RecordError: If an interrupted run has left its finished steps in the folder,
+            and they cannot be read.
     """
     # Here, since it imports NumPy, which `--version` does without.
     from swarmstart.cases.record.partial import partial_key

@@ -72,17 +72,27 @@ class PosedController:
 
     @property
     def interval(self) -> ca.Function:
-        """Function of an interval: (x, u, p, S) -> (x after it, cost, violation)."""
+        """Function of an interval: (x, u, p, S) -> (x after it, cost, violation).
+
+        x is the state, u the controls, p the parameters with the weights of rows
+        (shooting.py), and S the signals at the nodes of the interval.
+        """
         return self.shooting.stage_without_path
 
     @property
     def end(self) -> ca.Function:
-        """Function at the end of the horizon: (x, p, s) -> (cost, violation)."""
+        """Function at the end of the horizon: (x, p, s) -> (cost, violation).
+
+        x and p are as in `interval`, and s are the signals at that time.
+        """
         return self.shooting.terminal
 
     @property
     def begin(self) -> ca.Function | None:
-        """Function at the start: (x, p, s) -> (cost, violation); None if both are 0."""
+        """Function at the start of the horizon: (x, p, s) -> (cost, violation).
+
+        x, p and s are as in `end`. None: the start adds neither cost nor violation.
+        """
         return self.shooting.begin if self.shooting.has_begin else None
 
 

@@ -422,7 +422,9 @@ def leave_traps(rng: np.random.Generator, z: Array) -> None:
 
 
 def draw_seeds(shape: tuple[int, int], *, rng: np.random.Generator) -> Array:
-    """Draw seeds of the map, uniform in (0, 1) without the traps.
+    """Draw seeds of the logistic map, uniform in (0, 1).
+
+    No seed is a fixed point of the map, or a point that leads to one (`TRAPS`).
 
     Args:
         shape: Shape of the array to draw, (dim, size).

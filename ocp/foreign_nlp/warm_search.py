@@ -67,10 +67,11 @@ class Ranges:
     """Ranges of the search.
 
     Attributes:
-        lower: Lower bounds of the remaining variables, shape (nf,).
-        upper: Upper bounds of the remaining variables, shape (nf,).
-        box: Bounds of z.
-        start: The user's own start in the search's variables, shape (nz,).
+        lower: Lower bounds of the variables that remain after the elimination of
+            states, shape (nf,).
+        upper: Upper bounds of the same variables, shape (nf,).
+        box: Bounds of the search's variables z, see `RollOut`.
+        start: The user's own start in these variables, shape (nz,).
     """
 
     lower: Array

@@ -150,11 +150,14 @@ class Job:
 
 
 def results_of(job: Job, threads: int) -> list[Array]:
-    """Return the results of all starts, an array (rows, n) for each name.
+    """Solve from all starts, and return the results.
 
     Args:
         job: The starts.
         threads: Number of threads for the lanes.
+
+    Returns:
+        An array for each name in `job.kept`, with a column for each start.
     """
     layout, n = job.layout, job.given.shape[1]
     kept = layout.at(*job.kept)

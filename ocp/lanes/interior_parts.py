@@ -25,12 +25,15 @@ class Place:
     """An interval, the end or the start as expressions.
 
     Attributes:
-        name: "interval", "end" or "begin"; names of its numbers begin with it.
+        name: "interval", "end" or "begin". Kernels put it before the names of given
+            numbers, as in "interval.unit".
         x: State.
         u: Controls and excesses of soft constraints; empty at the ends.
-        own: Symbols of the part's own variables with bounds.
-        given: Given numbers by name: "parameters", "unit", "signals" of a lane;
-            "shared" by all, and the limits "lower" and "upper" of rows.
+        own: Symbols of the variables that can have bounds: the state xa after an
+            interval and its u, the decisions about the start; none at the end.
+        given: Symbols of given numbers by name: "parameters" and "unit" (divisor of the
+            cost) of each lane; "signals", of each lane or of all; "shared", the same
+            for all lanes; the limits "lower" and "upper" of rows; bounds of `own`.
         cost: Cost of the part.
         after: State after the interval; empty at the ends.
         walls: Bounds and rows of the part.

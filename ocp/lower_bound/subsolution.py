@@ -70,7 +70,7 @@ class Cuts:
     ends: Array
 
     def joined(self, points: Array, ends: Array) -> Cuts:
-        """Return these points and further ones."""
+        """Return the own points and ends, followed by the given ones."""
         return Cuts(np.hstack([self.points, points]), np.hstack([self.ends, ends]))
 
 

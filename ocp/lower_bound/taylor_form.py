@@ -141,9 +141,10 @@ class TaylorForm:
 def least_quadratic(
     slope: Array, bend: Array, reach: Array, pairs: Sequence[tuple[int, int]]
 ) -> tuple[Array, Array]:
-    """Return lower bounds of g'd + d'Hd / 2 over |d| <= reach, without rounding.
+    """Return lower bounds of g'd + d'Hd / 2 over |d| <= reach.
 
-    Each axis alone is exact; mixed terms are subtracted at their largest size.
+    Each axis alone is exact; mixed terms are subtracted at their largest size. The
+    caller must allow for rounding errors.
 
     Args:
         slope: g, shape (d, m).

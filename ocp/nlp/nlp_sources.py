@@ -221,7 +221,10 @@ class NlpSource:
         return Numbers(p=given["p"], lower_g=lower, upper_g=upper, start=given["x0"])
 
     def indices(self, role: str, given: object) -> Indices:
-        """Return the indices in x of entries: given indices, or an expression of x."""
+        """Return indices in x: the given ones, or those of an expression's entries.
+
+        Given indices are checked, and returned as a table (rows, times).
+        """
         if not isinstance(given, ca.SX | ca.MX):
             return _indices(role, given, self.nlp["x"].numel())
         return _places(role, given, self.nlp["x"], "entries of nlp['x']")

@@ -52,10 +52,11 @@ class PathValues(NamedTuple):
 
     Attributes:
         ends: States at the end, shape (nx, n).
-        reach: Natural size of each state along the path, shape (nx, n).
+        reach: Natural size of each state along the path: its range, shape (nx, n).
         finite: Whether all states are finite, shape (n,).
         cost: Costs, shape (n,).
-        magnitude: Magnitudes, shape (n,).
+        magnitude: Integral of |stage cost| plus |terminal cost|, as in `Path`, shape
+            (n,).
         along: Worst excess of each path row, relative to its scale, shape (rows, n).
         at_end: Excess of each terminal row, relative to its scale, shape (rows, n).
     """

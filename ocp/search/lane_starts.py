@@ -326,6 +326,6 @@ class PolishStarts:
         return (np.inf, np.inf) if self._best is None else self._best[:2]
 
     def points(self, most: int) -> list[Array]:
-        """Return the best answer's point."""
+        """Return the best answer's point in a list, empty before the first solve."""
         del most
         return [] if self._best is None else [self._best[2]]

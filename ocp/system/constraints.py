@@ -97,7 +97,7 @@ class Constraint(Protocol):
 
     @property
     def measure(self) -> Measure:
-        """Measure used by the search: "excess" or "indicator"."""
+        """Measure of a violation in the search: "excess" or "indicator"."""
 
     def rows(self, value: ca.SX) -> Rows:
         """Return the measured quantity and its limits, in the units of the user."""

@@ -111,7 +111,8 @@ def check_integrator(certificate: Certificate, deadline: Deadline) -> Finding:
     """Check at random points that the flow is near the Runge-Kutta map, and V falls.
 
     Args:
-        certificate: The statements of the file; held, P positive definite.
+        certificate: The statements of the file, for an input that is held; P positive
+            definite.
         deadline: Time at which to stop.
 
     Returns:
@@ -162,8 +163,8 @@ def check_growth_by_samples(certificate: Certificate, deadline: Deadline) -> Fin
     """Check at random points and times that V stays below its bound between samples.
 
     Args:
-        certificate: The statements of the file; held, P positive definite, growth
-            given.
+        certificate: The statements of the file, for an input that is held; P positive
+            definite, growth given.
         deadline: Time at which to stop.
 
     Returns:

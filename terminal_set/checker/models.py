@@ -123,7 +123,7 @@ def algebra_of(d: int) -> Algebra:
 
 
 class Model:
-    """A batch of enclosures, which must not be changed after use.
+    """A batch of enclosures of functions f; it must not be changed after use.
 
     Attributes:
         algebra: The algebra of the monomials s^m.
@@ -218,10 +218,11 @@ class Model:
         return self.scaled(slope).shifted(half, half)
 
     def composed(self, of: Callable[[Array, Model], Series]) -> Model:
-        """A function of the model.
+        """The model of g(f), for a function g.
 
         Args:
-            of: (numbers a_0, the model whose range bounds the remainder) -> series.
+            of: Function (numbers a_0, model) -> Taylor series of g about a_0, with a
+                bound of its remainder over the model's range.
         """
         factors, last, sizes = of(self.middle, self)
         moving = self.coefficients.copy()

@@ -35,7 +35,7 @@ from swarmstart.terminal_set.checker.models import (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Along:
-    """A batch of functions along rays.
+    """A batch of functions a(rho) = a(0) + rho b(rho) along rays.
 
     Attributes:
         at: Models of a(0).
@@ -49,7 +49,7 @@ class Along:
 
     @property
     def middle(self) -> Array:
-        """The middle of a(0), shape (N,)."""
+        """Middles of the values at rho = 0, one for each box, shape (N,)."""
         return self.at.middle
 
     @property
@@ -96,10 +96,11 @@ class Along:
         return Along(self.at.absolute(), slope, self.rho)
 
     def composed(self, of: Callable[[Array, Model], Series]) -> Along:
-        """A function of the value.
+        """The values g(a(rho)) of a function g.
 
         Args:
-            of: (numbers c, the model whose range bounds the remainder) -> series.
+            of: Function (numbers c, model) -> Taylor series of g about c, with a bound
+                of its remainder over the model's range.
         """
         c, h = self.at.middle, self.rho * self.slope
         (_, one, two, three), last, sizes = of(c, self.at + h)

@@ -62,7 +62,9 @@ class StepStart:
 
 
 class Residual:
-    """Enclosures of the curve and its residual, in coordinates e = T z, |e|_P = |z|.
+    """Enclosures of the curve of the Runge-Kutta map over a hold, and of its residual.
+
+    The deviation from the reference is e = T z, with |e|_P = |z|.
 
     Attributes:
         nx: Number of states.
@@ -70,7 +72,7 @@ class Residual:
         h: Length of a step [s].
         T: Matrix T of e = T z, shape (nx, nx).
         off: A bound of the rounding errors |T'PT - I| and |S T - I|, with S the
-            computed inverse of T.
+            transposed Cholesky factor of P (S'S = P); T is its computed inverse.
     """
 
     def __init__(

@@ -185,7 +185,9 @@ def carried_out(
     told: Done = lambda *_: None,
     engine: str = LOCAL,
 ) -> list[Outcome]:
-    """Return the outcomes of all cells; those without an outcome are done now.
+    """Return the outcomes of cells, which are independent pieces of work (`Cell`).
+
+    A cell is done now if `root` has no outcome of it, or one that asks for another try.
 
     Args:
         cells: The cells, done in this order; equal ones are done once.

@@ -1,6 +1,7 @@
 """The scenario of a transfer: UAVs that fly from starts to goals in a given time.
 
-The chapter does not have it; its antipodal swap is a common test of avoidance.
+The chapter has no transfers. UAVs that change places across a circle (`swap_5`) are a
+common test of collision avoidance.
 """
 
 import math

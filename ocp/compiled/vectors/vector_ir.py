@@ -228,7 +228,11 @@ class VectorIR:
         return value
 
     def compare(self, condition: str, a: str, b: str) -> str:
-        """Return the mask of a comparison, such as olt, oeq, une."""
+        """Return the mask of a comparison.
+
+        `condition` is a word of LLVM's `fcmp`, such as olt (less), oeq (equal) or une
+        (not equal, or NaN).
+        """
         return self.emit(f"fcmp {condition} {self.vector} {a}, {b}")
 
     def select(self, mask: str, yes: str, no: str) -> str:
@@ -258,7 +262,11 @@ class VectorIR:
         return self.emit(f"{instruction} {self.integers} {a}, {b}")
 
     def compare_integers(self, condition: str, a: str, b: str) -> str:
-        """Return the mask of a comparison of integers, such as eq, ne, slt."""
+        """Return the mask of a comparison of integers.
+
+        `condition` is a word of LLVM's `icmp`, such as eq (equal), ne (not equal) or
+        slt (less, with a sign).
+        """
         return self.emit(f"icmp {condition} {self.integers} {a}, {b}")
 
     def any(self, mask: str) -> str:

@@ -192,7 +192,7 @@ class EndTask:
 
 @dataclass(frozen=True, eq=False)
 class FaceTask:
-    """The task s_k' > d_k f on a face of the tube, for all controls.
+    """The task s_k' > d_k f on the face d_k x = s_k(t) of the tube, for all controls.
 
     On the face, the coordinate with the largest entry of d_k follows from the others;
     the boxes have 0 in the place of this coordinate.

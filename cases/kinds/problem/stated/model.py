@@ -439,8 +439,8 @@ def separations(
         part: The vehicles.
         members: Members that are planned together.
         others: Other members, each with the symbol of its position.
-        reserve: Symbol of a length that is added to the distance; without rows nothing
-            is added.
+        reserve: Symbol of a length that is added to the distance; an empty column adds
+            nothing.
     """
     if part is None or part.separation is None:
         return []
