@@ -49,18 +49,19 @@ TEXT = """# How often the best answer is found
 Made by `python benchmarks/answers.py --write docs/measured/answers_measured.md`:
 `solve` with its defaults{lanes}, from several seeds, on every shipped problem. Seconds
 are CPU seconds of the process on all cores, in brackets wall seconds. They are those of
-whole calls, which include posing, verifying and loading machine code. The first call of
-a process, which makes or loads that code, is left out; the seconds of the code are in
-the column "code s". "Cold" is a whole call of IPOPT alone from zero controls.
+whole calls, with posing and verifying. The first call of a process makes machine code,
+or loads it from disk, and is not among them; "code s" has the most seconds that this
+took. "Cold" is a whole call of IPOPT alone from zero controls.
 
 - A seed hits if its answer is feasible and costs at most 1e-4 more, relative, than the
   best known at the problem's checks (`docs/measured/kept_values.json`). "Along the
-  path" counts confirmed answers that keep the constraints along it, with `repair=True`
-  if a seed's answer breaks one.
+  path" counts confirmed answers that also keep the constraints between the checks and
+  cost at most 1e-4 more than the best such answer known; with `repair=True` if a seed's
+  answer breaks a constraint there.
 - "Worse" is the number of seeds whose answer costs more, by over 1e-6 relative, than
-  the best answer of IPOPT from zero controls, from the middle of the bounds (if that is
-  not zero), from the guess in the problem's file, or from the best start that the
-  answer of that seed names.
+  the best of these: IPOPT from zero controls, from the middle of the bounds (if that is
+  not zero), from the guess in the problem's file, and the best feasible start among
+  those that this call of `solve` tried.
 - "5 s or 3 cold" says whether the slowest call ("s, most") takes at most 5 s or three
   times "cold s".
 - If the column "lanes" begins with "none", it gives the reason why the problem cannot
@@ -83,8 +84,8 @@ table above only. If no start hits, p is the largest value with which that happe
 
 The [bars](../glossary.md#bar): {sooner} times less time if IPOPT hits in less than 30 %
 of its starts; not slower on the other problems with several optima (feasible answers of
-IPOPT's starts differ by more than 1e-4); with a single optimum, at most 1.3 times the
-cold solve and 0.2 s.
+IPOPT's starts differ by more than 1e-4); with a single optimum, at most 0.2 s plus
+1.3 times the time of IPOPT's solver from zero controls.
 
 """
 

@@ -39,7 +39,8 @@ neither its code nor the time to compile it grows with the horizon.
 
 """
 CALLS = """
-A call from Python, of a function of 60 rows with two outputs. Arguments of up to 4096
+The table has the CPU time of a call from Python of a function that takes 60 numbers
+for each individual and has two outputs. Arguments of up to 4096
 numbers are copied into buffers that are kept; larger ones are read in place.
 
 """

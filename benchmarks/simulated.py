@@ -231,11 +231,13 @@ def page(seeds: int, command: str) -> list[str]:
     return [
         finding(worst, seeds),
         "",
-        f"Made by `{command}`. Each simulator integrates a formula, which only the "
-        "judgement of the results uses, in steps ten times shorter than those of the "
-        "plan's model; costs are integrated along the simulator's rollouts by "
-        "Simpson's rule. The settings of the surrogate loop were chosen on seven other "
-        "problems. The search with a surrogate stops by itself when predicted and "
+        f"Made by `{command}`. The plan's model, of the user, lacks a part; the "
+        "surrogate is this model with a correction fitted to rollouts ([plans for a "
+        "simulator](../simulators.md)). Each simulator integrates the true formula, "
+        "which only the judgement of the results uses, in steps ten times shorter than "
+        "those of the plan's model; costs are integrated along the simulator's "
+        "rollouts by Simpson's rule. The settings of the surrogate loop were chosen on "
+        "seven other problems. The search with a surrogate stops by itself when predicted and "
         "simulated costs agree and plans get no better. CPU times are mostly those of "
         "planning and searching, since these simulators take little time.",
         "",

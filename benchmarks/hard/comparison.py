@@ -58,12 +58,12 @@ DEFAULT, ONCE, MANY = "solve", "ipopt", "repeated-ipopt"
 METHODS = {
     ONCE: "IPOPT once, from zero controls",
     MANY: "IPOPT from random starts until the budget is spent",
-    "multistart+ipopt": "local solves in lanes from random starts, then IPOPT",
+    "multistart+ipopt": "many local solves at once from random starts, then IPOPT",
     "lshade+ipopt": "L-SHADE, then IPOPT",
     "de+ipopt": "differential evolution, then IPOPT",
     "cpso+ipopt": "chaotic particle swarm, then IPOPT",
     "cma+ipopt": "covariance matrix adaptation, then IPOPT",
-    "memetic+ipopt": "L-SHADE with local solves in lanes, then IPOPT",
+    "memetic+ipopt": "L-SHADE with many local solves at once, then IPOPT",
     DEFAULT: "the default call, as `swarmstart run` makes it",
     **{name: peer.title for name, peer in PEERS.items()},
 }
@@ -85,10 +85,10 @@ NOTES = (
     "on top of the budget.",
     "- **Success.** A confirmed cost within 0.1 % of the best known. The time is that "
     "of the method's first value so good, and of the repair; a whole run takes longer. "
-    "A value found more than a tenth after the end of the budget, a run of more than "
-    "{most} s with its repair, and a problem to which a method has no answer are "
-    "failures. IPOPT once has no random numbers: it is run once, and counts for each "
-    "seed in sums.",
+    "These are failures: a value that is found later than 1.1 times the budget plus "
+    "0.25 s, a run that takes more than {most} s with its repair, and a problem for "
+    "which the method has no answer. IPOPT once has no random numbers: it is run once, "
+    "and counts for each seed in sums.",
     "- **Expected time** to the first success with restarts: the time of all "
     "successes and {most} s for each failure, divided by the number of successes.",
     "- **Optima.** Number of confirmed costs that differ by more than 0.1 %, over the "
@@ -268,7 +268,7 @@ def finding(results: Sequence[Result], seconds: float) -> str:
     )
     said += f"; {_joined(words)}." if words else "."
     if alike:
-        said += f" No difference from it is shown for {_joined(alike)}."
+        said += f" Not shown to differ from `{best}`: {_joined(alike)}."
     return said
 
 
@@ -391,7 +391,10 @@ def page(
 def _best_known(results: Sequence[Result]) -> str:
     better = [one for one in results if one.is_better]
     if not better:
-        return "No run of any method is better than the file of best known values."
+        return (
+            f"No run of any method is better than the file of best known values by "
+            f"more than {BETTER:g} of the value."
+        )
     said = [f"`{one.problem}` ({one.sense * one.best:.12g})" for one in better]
     return f"Better than the file of best known values: {_joined(said)}."
 
