@@ -237,8 +237,9 @@ def page(seeds: int, command: str) -> list[str]:
         "which only the judgement of the results uses, in steps ten times shorter than "
         "those of the plan's model; costs are integrated along the simulator's "
         "rollouts by Simpson's rule. The settings of the surrogate loop were chosen on "
-        "seven other problems. The search with a surrogate stops by itself when predicted and "
-        "simulated costs agree and plans get no better. CPU times are mostly those of "
+        "seven other problems. The search with a surrogate stops by itself when "
+        "predicted and simulated costs agree and plans get no better. CPU times are "
+        "mostly those of "
         "planning and searching, since these simulators take little time.",
         "",
         *tables,
