@@ -10,6 +10,7 @@ import pytest
 
 from swarmstart.arrays import Array
 from swarmstart.cases.drawing import problem_figures
+from swarmstart.cases.drawing.plan_figures import Flown, plan_paths
 from swarmstart.cases.kinds.flight import flight_of
 from swarmstart.cases.kinds.problem import figures
 from swarmstart.cases.kinds.problem.pose import pose
@@ -133,11 +134,11 @@ search: {name: none}
     starts = [decision.plans[0].x0 for decision in path.decisions]
     shown = with_starts(without_states(path), starts) if recorded else path
     (problem,) = given["problem"]
-    flown = problem_figures.Flown(
+    flown = Flown(
         problems=(problem,), trajectory=shown, labels=given["labels"],
         known=given["known"],
     )  # fmt: skip
-    plans = problem_figures.plan_paths(flown)
+    plans = plan_paths(flown)
     ends = [plan.times[-1] for plan in plans]
     assert ends == pytest.approx([2.0, 2.5, 3.0, 3.0, 3.0, 3.0])
     for plan, decision in zip(plans, path.decisions, strict=True):
