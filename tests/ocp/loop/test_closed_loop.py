@@ -1,6 +1,7 @@
 """Closed loop: interruption and continuation, and any object that makes a step."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import casadi as ca
 import numpy as np
@@ -14,6 +15,7 @@ from swarmstart.ocp import (
     DivergedError,
     InvalidProblemError,
     IpoptOptions,
+    Mode,
     Model,
     OptimalControlProblem,
     Plan,
@@ -70,6 +72,8 @@ def test_a_run_counts_its_steps_without_a_feasible_plan(
     assert f"{words} (more: docs/messages.md#some-steps)" in repr(fast)
     lost = simulate(plant, loop, [0.0, 1.5], steps=1, seed=0)
     assert "docs/messages.md#no-step" in repr(lost)
+    linear = [replace(one, mode=Mode.LINEAR) for one in fast.decisions]
+    assert replace(fast, decisions=tuple(linear)).infeasible_steps == 0
 
 
 def test_plans_are_found_if_all_are_feasible_and_none_is_the_last_one_shifted(
