@@ -92,6 +92,21 @@ class PosedAgent:
     previous: Array | None = None
     within: float | None = None
 
+    def known(
+        self, time: float, seen: tuple[Array, ...] = (), length: float | None = None
+    ) -> Known:
+        """Return parameters and signals of the plan made at a time.
+
+        Args:
+            time: Time of the plan [s].
+            seen: Paths of the agents that it watches.
+            length: Length of the plan [s]; None: that of the problem.
+        """
+        found = known_at(
+            self.problem, time, self.reference, self.parameters, seen, length
+        )
+        return found._replace(previous=self.previous)
+
     def seen(self, shown: Callable[[int], Array]) -> tuple[Array, ...]:
         """Return the signals that the agent has of other agents.
 
@@ -280,7 +295,7 @@ class Posed:
 
     @property
     def ramps(self) -> tuple[Ramp, ...]:
-        """Signals that plans take as linear between two checks, though they jump."""
+        """Signals that plans take as linear between checks, though they are not."""
         found = [
             ramp
             for agent in self.agents
@@ -304,10 +319,7 @@ class Posed:
         agent, length = self.agents[number], None
         if self.until is not None:
             length = min(agent.problem.length, self.until - time)
-        found = known_at(
-            agent.problem, time, agent.reference, agent.parameters, seen, length
-        )
-        return found._replace(previous=agent.previous)
+        return agent.known(time, seen, length)
 
     @property
     def begins_anew(self) -> bool:
@@ -333,9 +345,7 @@ def _from_near(posed: P) -> P:
     agent = posed.agents[0]
     if agent.problem.risk is not None:
         return posed
-    known = known_at(agent.problem, 0.0, agent.reference, agent.parameters)
-    known = known._replace(previous=agent.previous)
-    problem = from_near_start(shooting_of(agent.problem), posed.x0, known)
+    problem = from_near_start(shooting_of(agent.problem), posed.x0, agent.known(0.0))
     if problem is agent.problem:
         return posed
     return replace(posed, agents=(replace(agent, problem=problem),))

@@ -1,4 +1,4 @@
-"""Signals that jump between two checks, where plans take them as linear."""
+"""Signals that jump or bend between two checks, where plans take them as linear."""
 
 from typing import NamedTuple
 
@@ -12,20 +12,20 @@ from swarmstart.ocp.loop import ReferenceSignals
 _PARTS = 8
 """Parts of the time between two checks, at whose ends signals are compared."""
 _JUMPS = 0.1
-"""Distance from the straight line, in ranges of the signal, that counts as a jump."""
+"""Distance from the straight line, in ranges of the signal, from which on it counts."""
 
 
 class Ramp(NamedTuple):
-    """A signal that plans take as linear between two checks, though it jumps there.
+    """A signal that plans take as linear between two checks, though it is not.
 
     Attributes:
         name: Name of the signal.
-        begin: Time of the check before the jump [s].
+        begin: Time of the check before the jump or bend [s].
         end: Time of the check after it [s].
 
     Example:
         >>> str(Ramp("price", 1.0, 2.0))
-        'price jumps between 1 s and 2 s, where plans take it as linear'
+        'price jumps or bends between 1 s and 2 s, where plans take it as linear'
     """
 
     name: str
@@ -35,15 +35,15 @@ class Ramp(NamedTuple):
     def __str__(self) -> str:
         """Return what plans do, in words."""
         return (
-            f"{self.name} jumps between {self.begin:g} s and {self.end:g} s, where "
-            "plans take it as linear"
+            f"{self.name} jumps or bends between {self.begin:g} s and {self.end:g} s, "
+            "where plans take it as linear"
         )
 
 
 def ramps_of(
     problem: OptimalControlProblem, reference: ReferenceSignals | None
 ) -> list[Ramp]:
-    """Return the first ramp of each signal that jumps in the first plan.
+    """Return the first ramp of each signal that has one in the first plan.
 
     Args:
         problem: The problem; of one whose end time is decided nothing is known.
@@ -58,9 +58,9 @@ def ramps_of(
     found = []
     for name, row, at in zip(symbol_names(problem.signals), true, nodes, strict=False):
         off = np.abs(row - np.interp(between, checks, at)).reshape(-1, _PARTS)
-        jumps = np.flatnonzero(off.max(axis=1) > _JUMPS * _range(row, at))
-        if jumps.size:
-            first = jumps[0]
+        far = np.flatnonzero(off.max(axis=1) > _JUMPS * _range(row, at))
+        if far.size:
+            first = far[0]
             found.append(Ramp(name, float(checks[first]), float(checks[first + 1])))
     return found
 

@@ -22,7 +22,6 @@ from swarmstart.ocp import (
     Controller,
     DualMode,
     Free,
-    Known,
     LocalAgent,
     LocalTeam,
     OpenLoop,
@@ -32,7 +31,7 @@ from swarmstart.ocp import (
     Team,
 )
 from swarmstart.ocp.integration import verifying_integrator
-from swarmstart.ocp.loop import SimulatedPlant, known_at
+from swarmstart.ocp.loop import SimulatedPlant
 from swarmstart.ocp.rollout import replay
 
 P = TypeVar("P", bound=Posed)
@@ -111,7 +110,7 @@ def first_problem(posed: Posed) -> PlanningProblem:
     starts = np.split(posed.x0, np.cumsum(sizes)[:-1])
     for number in posed.order or (0,):
         agent, x0 = posed.agents[number], starts[number]
-        known = _known(agent, tuple(shown[j] for j in agent.watches))
+        known = agent.known(0.0, tuple(shown[j] for j in agent.watches))
         if agent.given is None:
             break
         states, _, _ = replay(agent.problem, agent.given, x0, known)
@@ -218,9 +217,3 @@ def _planner(scenario: Scenario, threads: int | None, agent: PosedAgent) -> Plan
         lanes=scenario.random_starts() if agent.given is None else 0,
         threads=threads,
     )
-
-
-def _known(agent: PosedAgent, seen: tuple[Array, ...] = ()) -> Known:
-    """Return parameters and signals of an agent's first plan."""
-    known = known_at(agent.problem, 0.0, agent.reference, agent.parameters, seen)
-    return known._replace(previous=agent.previous)

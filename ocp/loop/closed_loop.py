@@ -180,11 +180,11 @@ class Trajectory(Presented):
         plans = [plan for decision in self.decisions for plan in decision.plans]
         feasible = sum(plan.feasible for plan in plans)
         stopped = without = ""
-        if self._infeasible:
+        if none := self._infeasible:
             explained = Paragraph.SOME_STEPS if feasible else Paragraph.NO_STEP
             without = (
-                f"; without one: {self.infeasible_steps} of {len(self.decisions)} "
-                f"steps, the first at {self.times[self._infeasible[0]]:g} s "
+                f"; without one: {len(none)} of {len(self.decisions)} "
+                f"steps, the first at {self.times[none[0]]:g} s "
                 f"(more: {explained})"
             )
         if self.stopped_steps:

@@ -451,6 +451,8 @@ class Model(Expressed):
             >>> cart.unit_conflicts()
             ('the rate of place is in m/s^2, expected m/s: place is in m',)
         """
+        if not self.units:  # Asked for at every solve.
+            return ()
         inputs = ca.vertcat(self.parameters, self.signals)
         outputs = ca.vertcat(ca.SX(0, 1), *self.outputs.values())
         return conflicts_of(

@@ -176,8 +176,6 @@ def conflicts_of(equations: Equations) -> tuple[str, ...]:
         Sentences such as "the rate of x is in m/s^2, expected m/s: x is in m". A rate
         may count the time in seconds, minutes, hours, days or years.
     """
-    if not equations.units:
-        return ()
     known = [read_unit(equations.units.get(name, "")) for name in equations.names]
     known += [read_unit("s")] * (equations.symbols.numel() - len(known))
     rows = [rows for _, rows in equations.kinds.values()]

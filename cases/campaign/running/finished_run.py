@@ -161,14 +161,14 @@ def _of_one_plan(
     # The others are sentences themselves.
     if is_confirmed or said.startswith("not "):
         said = f"the plan is {said}"
-    more = ""
-    if flight.posed.differs:
+    more, differs = "", flight.posed.differs
+    if differs:
         more = ", for the model it was made with: the simulated system is another"
         more += "".join(f"; {ramp}" for ramp in flight.posed.ramps[:_MOST_RAMPS])
     more += unproven
     explained = (
         paragraph_of(answer.status, answer.reason),
-        Paragraph.OTHER_SYSTEM if flight.posed.differs else None,
+        Paragraph.OTHER_SYSTEM if differs else None,
         Paragraph.NOT_CERTIFIED if unproven else None,
     )
     return RunStatus(

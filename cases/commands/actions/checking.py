@@ -1,7 +1,9 @@
 """`swarmstart check`: whether scenarios are valid, in all their variants.
 
 Angles that look like degrees give a warning, here and in `swarmstart run`. Units that
-contradict each other give a warning here only, since reading units takes a second.
+contradict each other give a warning here only, since reading units takes a second. So
+do a start outside of a limit, and signals that plans take as linear between two checks
+though they are not: of these a run tells at its end.
 """
 
 import argparse
@@ -39,8 +41,9 @@ def check(name_or_path: str) -> str:
     """Return one sentence on a valid scenario.
 
     Every variant is validated and built, so that a scenario that passes also runs. The
-    Python file of a scenario is never run. Angles that look like degrees give a warning
-    on standard error.
+    Python file of a scenario is never run. Warnings on standard error name angles that
+    look like degrees, units that contradict each other, signals that plans wrongly take
+    as linear, and limits that the start breaks.
 
     Raises:
         SwarmstartError: If the scenario is invalid; the message lists every error.
@@ -83,7 +86,7 @@ def unit_warnings(posed: Posed) -> list[str]:
 
 
 def ramp_warnings(posed: Posed) -> list[str]:
-    """Return a warning for each signal that jumps between two checks of a plan."""
+    """Return a warning for each signal that plans wrongly take as linear."""
     advice = f"; more checks make it shorter (more: {Paragraph.RAMP})"
     return [f"{ramp}{advice}" for ramp in posed.ramps]
 
@@ -99,8 +102,7 @@ def start_warnings(flight: Flight[Posed]) -> list[str]:
         return []
     x0, known, _ = planner.posed(posed.x0, posed.known_by(0, 0.0))
     return [
-        f"{printable(str(excess))}, so that no plan is feasible (more: "
-        f"{Paragraph.INFEASIBLE})"
+        f"the start is outside: {printable(str(excess))} (more: {Paragraph.INFEASIBLE})"
         for excess in planner.outside(x0, known)
     ]
 

@@ -353,7 +353,7 @@ search: {name: none}
 """),
         seed=0,
     )
-    words = "the simulated system is another; low jumps between 1 s and 2 s"
+    words = "the simulated system is another; low jumps or bends between 1 s and 2 s"
     assert words in finished.status and words in outcome(finished)
     assert Paragraph.OTHER_SYSTEM in finished.ended.paragraphs
     assert finished.measures["constraint_excess"] == pytest.approx(0.95, abs=1e-6)
