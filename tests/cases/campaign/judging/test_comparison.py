@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from swarmstart.cases.campaign.engine.cells import Cell, Outcome
-from swarmstart.cases.campaign.judging.runs import Entry
+from swarmstart.cases.campaign.judging.content import content_of
+from swarmstart.cases.campaign.judging.runs import Asked, Entry
 from swarmstart.cases.campaign.studies.library import Row, rows_of
 from swarmstart.cases.campaign.trials.solvers import solver_of
 
@@ -19,6 +20,16 @@ FAR = None
 
 def rows(**costs: Sequence[float | None]) -> dict[str, Row]:
     """Return the rows of solvers with these verified costs, one for each seed."""
+    entries, outcomes = entries_of(costs)
+    seeds = max(map(len, costs.values()))
+    found = rows_of(entries, outcomes, seeds=seeds)
+    return {row.entry.solver.name: row for row in found}
+
+
+def entries_of(
+    costs: Mapping[str, Sequence[float | None]], dates: Sequence[str] = ()
+) -> tuple[list[Entry], dict[str, Outcome]]:
+    """Return solvers and their runs; a run begins at the date of its seed."""
     entries, outcomes = [], {}
     for name, own in costs.items():
         cells = []
@@ -30,14 +41,24 @@ def rows(**costs: Sequence[float | None]) -> dict[str, Row]:
                 "evaluations": 100 + seed,
             }
             outcomes[cell.key] = Outcome(
-                result=result, failure="", seconds=1.0, folder=Path()
-            )
+                result=result, failure="", seconds=1.0, folder=Path(),
+                date=dates[seed] if dates else "",
+            )  # fmt: skip
             cells.append(cell)
         solver = solver_of(name)
         entries.append(Entry(scenario="s", solver=solver, cells=tuple(cells)))
-    seeds = max(map(len, costs.values()))
-    found = rows_of(entries, outcomes, seeds=seeds)
-    return {row.entry.solver.name: row for row in found}
+    return entries, outcomes
+
+
+@pytest.mark.parametrize(("dates", "begun"), [
+    (["2026-01-03", "2026-01-02", ""], "2026-01-02"), ([], ""),
+])  # fmt: skip
+def test_a_comparison_has_begun_with_its_first_run(
+    dates: list[str], begun: str
+) -> None:
+    entries, outcomes = entries_of({"de": [1.0, 2.0, 3.0]}, dates)
+    asked = Asked(seeds=(0, 1, 2), resamples=0)
+    assert content_of([entries], outcomes, asked)["date"] == begun
 
 
 def test_success_is_near_the_least_cost_that_anybody_has_found() -> None:
