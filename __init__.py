@@ -118,6 +118,7 @@ if TYPE_CHECKING:  # For type checkers; a test holds it against the table below.
         DualMode as DualMode,
         Fitness as Fitness,
         Free as Free,
+        HeldSignals as HeldSignals,
         InvalidProblemError as InvalidProblemError,
         InvalidSystemError as InvalidSystemError,
         IpoptOptions as IpoptOptions,
@@ -279,18 +280,19 @@ _NAMES = {
     "swarmstart.ocp": """
         Agent AlgebraicEquations BackendWarning BoundKind Bounds CommittedTeam
         Connection CountedFrom Decision DivergedError DualMode Fitness Free
-        InvalidProblemError InvalidSystemError IpoptOptions Known Links LocalAgent
-        LocalTeam LowerBound Memetic Mode Model Multistart NlpOptions NoRestError
-        NoSensitivityError NonMinimalWarning Obstacle OpenLoop OptimalControlProblem
-        OptimalityGap PathConstraint PhasedHorizon Phases Plan Planner
-        PlanningInterrupted Plant PolishStatus Radau RecedingHorizon SearchReport
-        SearchSettings Separation Solution SolutionStatus Solutions SolveError
-        SolveInterrupted SolveManyInterrupted Source Start StartOutcome Step
-        SteppedPlant Swarm SwarmController SwarmFlight Table Team TerminalConstraint
-        Trajectory TrajectoryFamily TransportDelay UncertifiedSetError UnitWarning
-        WarmStartReport WarmStartedSolver compile_batch disc ensemble fly interpolate
-        multistart phased_horizon phases simulate simulate_swarm solve solve_many
-        stack_models swarm_model table terminal_set_of warm_start
+        HeldSignals InvalidProblemError InvalidSystemError IpoptOptions Known Links
+        LocalAgent LocalTeam LowerBound Memetic Mode Model Multistart NlpOptions
+        NoRestError NoSensitivityError NonMinimalWarning Obstacle OpenLoop
+        OptimalControlProblem OptimalityGap PathConstraint PhasedHorizon Phases Plan
+        Planner PlanningInterrupted Plant PolishStatus Radau RecedingHorizon
+        SearchReport SearchSettings Separation Solution SolutionStatus Solutions
+        SolveError SolveInterrupted SolveManyInterrupted Source Start StartOutcome
+        Step SteppedPlant Swarm SwarmController SwarmFlight Table Team
+        TerminalConstraint Trajectory TrajectoryFamily TransportDelay
+        UncertifiedSetError UnitWarning WarmStartReport WarmStartedSolver
+        compile_batch disc ensemble fly interpolate multistart phased_horizon phases
+        simulate simulate_swarm solve solve_many stack_models swarm_model table
+        terminal_set_of warm_start
     """,
     "swarmstart.ocp.lower_bound.bounding": "lower_bound",
     "swarmstart.simulators": """

@@ -182,6 +182,9 @@ if TYPE_CHECKING:  # Loaded when first used: few commands need all of these.
     from swarmstart.ocp.statement.rewrites.delay import (
         TransportDelay as TransportDelay,
     )
+    from swarmstart.ocp.statement.rewrites.held import (
+        HeldSignals as HeldSignals,
+    )
     from swarmstart.ocp.swarm.committed_team import (
         CommittedTeam as CommittedTeam,
     )
@@ -278,6 +281,7 @@ _NAMES = {
     "statement.problem": "OptimalControlProblem",
     "statement.rewrites.counted_from": "CountedFrom",
     "statement.rewrites.delay": "TransportDelay",
+    "statement.rewrites.held": "HeldSignals",
     "swarm.committed_team": "CommittedTeam",
     "swarm.controller": "SwarmController swarm_model",
     "swarm.flight": "SwarmFlight",

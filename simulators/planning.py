@@ -58,10 +58,11 @@ from swarmstart.ocp.common import (
     PROGRESS,
     ProgressCallback,
     ProgressGiven,
+    shaped,
     shown,
 )
 from swarmstart.ocp.common.errors import refused
-from swarmstart.ocp.rollout import NOTHING, SampledValue, shaped
+from swarmstart.ocp.rollout import NOTHING, SampledValue
 from swarmstart.ocp.search import LANES, space_of
 from swarmstart.simulators.common import SimulatorError
 from swarmstart.simulators.surrogate import Correction, RollOut

@@ -295,7 +295,7 @@ class Posed:
 
     @property
     def ramps(self) -> tuple[Ramp, ...]:
-        """Signals that plans take as linear between checks, though they are not."""
+        """Signals that jump or bend where plans take them as linear or constant."""
         found = [
             ramp
             for agent in self.agents

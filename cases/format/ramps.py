@@ -1,4 +1,8 @@
-"""Signals that jump or bend between two checks, where plans take them as linear."""
+"""Signals that jump or bend where plans take them as linear, or as constant.
+
+Between two checks a signal is linear in plans; one of `HeldSignals` keeps the value at
+the start of an interval.
+"""
 
 from typing import NamedTuple
 
@@ -8,6 +12,7 @@ from swarmstart.arrays import Array
 from swarmstart.ocp import Free, OptimalControlProblem
 from swarmstart.ocp.common.expressions import symbol_names
 from swarmstart.ocp.loop import ReferenceSignals
+from swarmstart.ocp.statement import held_signals
 
 _PARTS = 8
 """Parts of the time between two checks, at whose ends signals are compared."""
@@ -16,12 +21,13 @@ _JUMPS = 0.1
 
 
 class Ramp(NamedTuple):
-    """A signal that plans take as linear between two checks, though it is not.
+    """A signal that plans take as linear or constant between two checks, but is not.
 
     Attributes:
         name: Name of the signal.
         begin: Time of the check before the jump or bend [s].
         end: Time of the check after it [s].
+        is_held: Whether plans hold its value over each interval.
 
     Example:
         >>> str(Ramp("price", 1.0, 2.0))
@@ -31,12 +37,14 @@ class Ramp(NamedTuple):
     name: str
     begin: float
     end: float
+    is_held: bool = False
 
     def __str__(self) -> str:
         """Return what plans do, in words."""
+        how = "keep its value" if self.is_held else "take it as linear"
         return (
             f"{self.name} jumps or bends between {self.begin:g} s and {self.end:g} s, "
-            "where plans take it as linear"
+            f"where plans {how}"
         )
 
 
@@ -55,13 +63,16 @@ def ramps_of(
     parts = np.linspace(0.0, 1.0, _PARTS + 1)[:-1]
     between = (checks[:-1, None] + np.diff(checks)[:, None] * parts).ravel()
     true, nodes = reference(between), reference(checks)
-    found = []
+    found, held = [], held_signals(problem)
     for name, row, at in zip(symbol_names(problem.signals), true, nodes, strict=False):
-        off = np.abs(row - np.interp(between, checks, at)).reshape(-1, _PARTS)
+        planned = np.interp(between, checks, at)
+        if name in held:
+            planned = np.repeat(at[: -1 : problem.checks], problem.checks * _PARTS)
+        off = np.abs(row - planned).reshape(-1, _PARTS)
         far = np.flatnonzero(off.max(axis=1) > _JUMPS * _range(row, at))
         if far.size:
-            first = far[0]
-            found.append(Ramp(name, float(checks[first]), float(checks[first + 1])))
+            begin, end = map(float, checks[far[0] : far[0] + 2])
+            found.append(Ramp(name, begin, end, name in held))
     return found
 
 

@@ -5,6 +5,7 @@ from swarmstart.ocp.common.expressions import (
 )
 from swarmstart.ocp.common.limits import (
     require_seconds,
+    shaped,
 )
 from swarmstart.ocp.common.messages import (
     Paragraph,
@@ -27,6 +28,7 @@ __all__ = [
     "hidden",
     "is_notebook",
     "require_seconds",
+    "shaped",
     "shown",
     "symbol_names",
     "tell_nothing",

@@ -1,6 +1,6 @@
 """Validation of the numbers and words given to a problem and its constraints."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from numbers import Real
 
 import casadi as ca
@@ -196,3 +196,32 @@ def require_choice(role: str, choice: str, allowed: Sequence[str]) -> None:
         raise InvalidProblemError(
             f"{role} must be {' or '.join(allowed)}, got {choice!r:.80}"
         )
+
+
+def shaped(
+    role: str,
+    values: ArrayLike,
+    shape: tuple[int, ...],
+    meaning: Callable[[], str] = str,
+) -> Array:
+    """Return a validated copy of values, since the caller may change them later.
+
+    Args:
+        role: Name of the values in messages.
+        values: The values.
+        shape: Shape that they must have.
+        meaning: Words at the end of the message on a wrong shape: what the values are.
+
+    Raises:
+        InvalidProblemError: If the shape is another, or a value is not finite.
+    """
+    array = numbers_of(role, values)
+    if len(shape) == 1 and array.shape == (*shape, 1):
+        array = array[:, 0]  # A column, as of CasADi's DM.
+    if array.shape != shape:
+        raise InvalidProblemError(
+            f"{role} must have shape {shape}, got {array.shape}{meaning()}"
+        )
+    if not np.isfinite(array).all():
+        raise InvalidProblemError(f"{role} must be finite, got {array}")
+    return array

@@ -9,7 +9,7 @@ from swarmstart.ocp.loop.controller import (
     known_at,
     of_given_length,
 )
-from swarmstart.ocp.loop.plant import begun, stepped
+from swarmstart.ocp.loop.plant import begun, stepped, until_jumps
 from swarmstart.ocp.loop.simulated_plant import SimulatedPlant
 
 __all__ = [
@@ -20,4 +20,5 @@ __all__ = [
     "known_at",
     "of_given_length",
     "stepped",
+    "until_jumps",
 ]

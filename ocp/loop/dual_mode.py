@@ -144,7 +144,7 @@ class DualMode(Called):
         self.uncertified = uncertified
         self._problems = [a.controller.planner.problem for a in team.agents]
         # Agents of one kind share the model of one problem; each keeps its own step.
-        self._steps = [_step(problem) for problem in self._problems]
+        self._steps = [_step(a.controller.planner.stated) for a in team.agents]
 
     @property
     def dt(self) -> float:
@@ -184,7 +184,7 @@ class DualMode(Called):
             du = -K e with the names of the agent's states and controls; see
             `TerminalSet.linear_law`.
         """
-        model = self._problems[agent].model
+        model = self.team.agents[agent].controller.planner.stated.model
         return self.sets[agent].linear_law(
             states=model.state_names, controls=model.control_names
         )
@@ -204,10 +204,13 @@ class DualMode(Called):
 
         def linear(number: int, own: Array, seen: tuple[Array, ...]) -> Plan:
             controller = self.team.agents[number].controller
+            start, known, _ = controller.planner.posed(
+                own, controller.known(time, seen)
+            )
             return controller.planner.evaluated(
                 self._linear_controls(number, time, own),
-                own,
-                known=controller.known(time, seen),
+                start,
+                known=known,
                 source=Source.LINEAR,
             )
 

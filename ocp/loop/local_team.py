@@ -210,7 +210,7 @@ class LocalTeam(Called):
             }
             for agent in self.agents
         ]
-        self._nx = planners[self._rooms[0]].problem.model.nx
+        self._nx = planners[self._rooms[0]].stated.model.nx
 
     def _check_order(self) -> None:
         count = len(self.agents)
@@ -252,7 +252,7 @@ class LocalTeam(Called):
             )
         require_held(planner.stated for planner in planners.values())
         for room, planner in planners.items():
-            problem = planner.problem
+            problem = planner.stated
             rows = problem.model.nx + len(self.position) * (self._links + room)
             if problem.ns != rows:
                 raise InvalidProblemError(
@@ -294,9 +294,11 @@ class LocalTeam(Called):
                 last = previous.plans[number] if previous else None
                 plan = controller.plan(time, states[number], last, seen=seen, rng=rng)
             else:
-                known = controller.known(time, seen)
+                start, known, _ = controller.planner.posed(
+                    states[number], controller.known(time, seen)
+                )
                 plan = controller.planner.evaluated(
-                    held, states[number], known=known, source=Source.GUESS
+                    held, start, known=known, source=Source.GUESS
                 )
             # Those that plan later see the new plan.
             plans[number], shown[number] = plan, plan.states

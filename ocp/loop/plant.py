@@ -52,6 +52,8 @@ from swarmstart.ocp.system.model import (
 )
 
 NOTHING_DECIDED: Mapping[str, float] = MappingProxyType({})
+_LAST_PART = 1e-3
+"""Last part of a step within which a jump counts as one at its end."""
 _SECONDS = a_number(above=0)
 _ROWS, _TIMES = reals(array=True, axes=2), reals(array=True, axes=1)
 _STEP = {
@@ -59,6 +61,21 @@ _STEP = {
     "control": reals(array=True),
     "time": a_number(),
 }
+
+
+def until_jumps(rows: Callable[[Array], Array], begins: Array, ends: Array) -> Array:
+    """Return functions of time at the ends of steps, shape (rows, n).
+
+    If a function jumps at an end, it is its value just before, which it had until then.
+
+    Args:
+        rows: Times, shape (n,) [s] -> values, shape (rows, n).
+        begins: Times at which the steps begin, shape (n,) [s].
+        ends: Times at which they end, shape (n,) [s].
+    """
+    at, before = rows(ends), rows(ends - _LAST_PART * (ends - begins))
+    jumps = np.abs(at - before) > np.abs(at - rows(begins)) / 2
+    return np.where(jumps, before, at)
 
 
 @checked(
@@ -116,7 +133,8 @@ class Plant(Called):
                 that are decided; each value is held over one integrator step. None: no
                 such parameters.
             signals: Times (n,) [s] -> the model's signals (ns, n), linear over one
-                integrator step. None: the model has no signals.
+                integrator step; one that jumps at a step's end has its earlier value
+                until then. None: the model has no signals.
             integrator: A key of INTEGRATORS; "stiff" for a stiff model.
             decided: Name of a parameter that plans decide -> its value before the first
                 plan.
@@ -260,9 +278,10 @@ class Plant(Called):
         begins = time + self.dt * (np.arange(self.substeps) / self.substeps)
         arguments = [self.parameters(begins)]
         if self.model.varying.numel():
-            known = self.varying(np.append(begins, time + self.dt))
+            ends = np.append(begins[1:], time + self.dt)
+            both = [self.varying(begins), until_jumps(self.varying, begins, ends)]
             # Both ends of each step, side by side.
-            known = np.repeat(known, 2, axis=1)[:, 1:-1]
+            known = np.stack(both, axis=2).reshape(len(both[0]), -1)
             if self.model.time.numel():
                 # A little inside, as in a plan: what jumps at an end has the value that
                 # it has within the step.

@@ -146,7 +146,7 @@ class Team(Called):
                         f"{problems[other].nodes} nodes; its own have "
                         f"{problems[number].nodes}"
                     )
-        models = [problem.model for problem in problems]
+        models = [a.controller.planner.stated.model for a in self.agents]
         *self._splits, self._nx = np.cumsum([m.nx for m in models])
 
     def __repr__(self) -> str:

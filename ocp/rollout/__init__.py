@@ -17,7 +17,6 @@ from swarmstart.ocp.rollout.fitness import (
     core_known,
     from_near_start,
     replay,
-    shaped,
     shared_arguments,
 )
 from swarmstart.ocp.rollout.path import (
@@ -41,7 +40,6 @@ __all__ = [
     "core_known",
     "from_near_start",
     "replay",
-    "shaped",
     "shared_arguments",
     "shooting_of",
     "signals_between",

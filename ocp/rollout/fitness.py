@@ -7,7 +7,6 @@ single control sequence, these numbers are entries of the initial state.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from functools import cached_property
 from typing import NamedTuple
@@ -30,7 +29,7 @@ from swarmstart.arrays import Array
 from swarmstart.machine_code import Pointers, compiling
 from swarmstart.ocp.common.errors import InvalidProblemError, refused
 from swarmstart.ocp.common.expressions import symbol_names
-from swarmstart.ocp.common.limits import numbers_of
+from swarmstart.ocp.common.limits import shaped
 from swarmstart.ocp.common.pickling import Called
 from swarmstart.ocp.compiled.backend import (
     BatchEvaluator,
@@ -46,6 +45,7 @@ from swarmstart.ocp.rollout.scaling import Sizes
 from swarmstart.ocp.rollout.shooting import Shooting, shooting_of
 from swarmstart.ocp.statement.problem import OptimalControlProblem
 from swarmstart.ocp.statement.rewrites.chain import Lowered
+from swarmstart.ocp.statement.rewrites.changed import meaning_of_known, signal_rows
 from swarmstart.ocp.statement.rewrites.counted_from import from_near
 
 
@@ -488,36 +488,15 @@ def shared_arguments(
     Raises:
         InvalidProblemError: If a shape is not the problem's, or a value is not finite.
     """
-    signals = numbers_of("signals", known.signals)
-    if problem.ns == 0 and signals.size == 0:
-        signals = np.empty((0, problem.nodes))  # A user without signals gives ().
-    parameters, shape = known.parameters, (problem.model.np,)
     return (
         shaped("x0", x0, (problem.model.nx,)),
         shaped(
-            "parameters", parameters, shape, lambda: _meaning(problem, "parameters")
+            "parameters",
+            known.parameters,
+            (problem.model.np,),
+            lambda: meaning_of_known(problem, "parameters"),
         ),
-        flatten(
-            shaped(
-                "signals",
-                signals,
-                (problem.ns, problem.nodes),
-                lambda: _meaning(problem, "signals"),
-            )
-        ),
-    )
-
-
-def _meaning(problem: OptimalControlProblem, role: str) -> str:
-    """Return what the values of a role in a Known are; empty if there are none."""
-    names = ", ".join(symbol_names(problem.symbols()[role]))
-    if not names:
-        return ""
-    if role == "parameters":
-        return f": Known(parameters=...), the values of {names}"
-    return (
-        f": Known(signals=...), a row for each of {names}, with its values at the "
-        f"{problem.nodes} nodes"
+        flatten(signal_rows(problem, known.signals)),
     )
 
 
@@ -561,13 +540,14 @@ def stated_known(
 ) -> Known:
     """Return a stated problem's known data, including the parameters it decides."""
     model, given = lowered.stated.model, lowered.known_parameters
+    row = lowered.time_row
     decided = lowered.decided_parameters(x0)
     names = symbol_names(model.parameters)
     values = np.array([decided.get(name, np.nan) for name in names])
     values[given] = parameters[: len(given)]
-    if not model.time.numel():
+    if row is None:
         return Known(values, signals)
-    without_tau = np.delete(signals, model.ns, axis=0)
+    without_tau = np.delete(signals, row, axis=0)
     return Known(values, without_tau, time=float(parameters[-1]))
 
 
@@ -636,32 +616,3 @@ def flatten(sequence: Array) -> Array:
 def unflatten(vector: Array, rows: int) -> Array:
     """Return the array (rows, columns) that `flatten` made into a vector; a copy."""
     return np.array(vector, dtype=np.float64).reshape((rows, -1), order="F")
-
-
-def shaped(
-    role: str,
-    values: ArrayLike,
-    shape: tuple[int, ...],
-    meaning: Callable[[], str] = str,
-) -> Array:
-    """Return a validated copy of values, since the caller may change them later.
-
-    Args:
-        role: Name of the values in messages.
-        values: The values.
-        shape: Shape that they must have.
-        meaning: Words at the end of the message on a wrong shape: what the values are.
-
-    Raises:
-        InvalidProblemError: If the shape is another, or a value is not finite.
-    """
-    array = numbers_of(role, values)
-    if len(shape) == 1 and array.shape == (*shape, 1):
-        array = array[:, 0]  # A column, as of CasADi's DM.
-    if array.shape != shape:
-        raise InvalidProblemError(
-            f"{role} must have shape {shape}, got {array.shape}{meaning()}"
-        )
-    if not np.isfinite(array).all():
-        raise InvalidProblemError(f"{role} must be finite, got {array}")
-    return array

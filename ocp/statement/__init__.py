@@ -32,6 +32,9 @@ from swarmstart.ocp.statement.rewrites.chain import (
 from swarmstart.ocp.statement.rewrites.end_time import (
     END_TIME,
 )
+from swarmstart.ocp.statement.rewrites.held import (
+    held_signals,
+)
 from swarmstart.ocp.statement.risk import (
     Measure,
 )
@@ -50,6 +53,7 @@ __all__ = [
     "Profile",
     "Quadrature",
     "has_decisions",
+    "held_signals",
     "lowered",
     "piece_at",
 ]

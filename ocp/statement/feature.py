@@ -5,14 +5,21 @@ Before the solution, a rewrite turns the problem into one without the feature
 """
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 from swarmstart.ocp.common.errors import InvalidProblemError
 from swarmstart.ocp.common.expressions import shortened
 
 
 class Feature:
-    """A part of a problem's statement besides its fields."""
+    """A part of a problem's statement besides its fields.
+
+    Attributes:
+        goes_with_teams: Whether plans of teams and of the dual mode may have it, since
+            it neither goes on from plan to plan nor changes the controls.
+    """
+
+    goes_with_teams: ClassVar[bool] = False
 
     def of_members(self, names: Mapping[str, Sequence[str]]) -> "Feature":
         """Return the feature of an ensemble whose members have controls of their own.

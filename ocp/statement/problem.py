@@ -805,8 +805,8 @@ def require_held(problems: Iterable[OptimalControlProblem]) -> None:
                 "a team and a dual mode use controls that are held: control_shape must "
                 f"be constant, got {problem.control_shape!r}"
             )
-        if found := effective(problem):
+        if found := [one for one in effective(problem) if not one.goes_with_teams]:
             raise InvalidProblemError(
-                "a team and a dual mode take no delays and no other features: features "
-                f"must be empty, got {shortened(found)}"
+                "a team and a dual mode take no delays and no feature other than "
+                f"HeldSignals, got {shortened(found)}"
             )

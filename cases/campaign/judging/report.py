@@ -14,6 +14,13 @@ MOST_NAMED = 3
 _BOUNDS = tuple(kind.value for kind in BoundKind if kind.is_bound)
 """Kinds of proven bounds; an estimate from samples is not one."""
 
+LISTED = {
+    "exact": "the list of hard problems (exact)",
+    "bound": "the list of hard problems",
+    "runs": "the list of hard problems",
+}
+"""Source of a listed best known cost, by the grounds for it."""
+
 Content = Mapping[str, Any]
 
 HEAD = (
@@ -89,14 +96,14 @@ def _best_known(content: Content) -> str:
         s["name"]
         for s in content["scenarios"]
         if s["best_cost"] is not None
-        and (s["known_cost"] is None or s["known_from"])
+        and (s["known_cost"] is None or s["known_from"] not in ("", LISTED["exact"]))
         and not _is_near_bound(content, s)
     ]
     if not unknown:
         return ""
     return (
-        "The best known cost is the least that was found here, with no proof that none "
-        f"is less: {listed(unknown)}."
+        "The best known cost is the least that was found, with no proof that none is "
+        f"less: {listed(unknown)}."
     )
 
 

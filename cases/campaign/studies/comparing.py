@@ -31,7 +31,13 @@ from swarmstart.cases.campaign.trials.solvers import search_share
 from swarmstart.cases.format.document import Document
 from swarmstart.cases.format.kind import SeveralPlansError
 from swarmstart.cases.format.registry import RULES
-from swarmstart.cases.format.scenario import Resolved, read_document, resolve
+from swarmstart.cases.format.scenario import (
+    Resolved,
+    hard_problems,
+    read_document,
+    resolve,
+)
+from swarmstart.cases.hard.best_known import BestKnown, best_known
 from swarmstart.cases.kinds.flight import first_problem
 from swarmstart.cases.record.files import to_json
 from swarmstart.cases.record.record import MARK, SCENARIO
@@ -352,6 +358,27 @@ def earlier_best(contest: Contest, root: Path, sense: int = 1) -> Earlier | None
             if _problem(stated.settings) == wanted:
                 found.append(Earlier(float(cost), mark.parent))
     return min(found, key=lambda one: sense * one.cost, default=None)
+
+
+def listed_best(contest: Contest) -> BestKnown | None:
+    """Return the listed best known value of a hard problem that is compared as shipped.
+
+    Settings of the method may differ, and those that do not change the problem.
+
+    Args:
+        contest: A scenario that is compared by one plan.
+
+    Returns:
+        None if the scenario is no hard problem, or another, or has no known value.
+    """
+    name = f"hard/{contest.resolved.scenario.name}"
+    if name not in hard_problems():
+        return None
+    shipped = resolve(read_document(name))
+    found = best_known().get(name)
+    if _problem(shipped.settings) != _problem(contest.resolved.settings):
+        return None
+    return None if found is None or found.cost is None else found
 
 
 def _problem(settings: Mapping[str, Any]) -> dict[str, Any]:

@@ -24,7 +24,7 @@ from swarmstart.cases.campaign.engine.cells import (
 from swarmstart.cases.campaign.judging.content import content_of, read_comparison
 from swarmstart.cases.campaign.judging.judgement import compared_pairs, fewest_seeds
 from swarmstart.cases.campaign.judging.regression import regression
-from swarmstart.cases.campaign.judging.report import listed, report_text
+from swarmstart.cases.campaign.judging.report import LISTED, listed, report_text
 from swarmstart.cases.campaign.judging.results_table import (
     append_runs,
     pyarrow_module,
@@ -40,6 +40,7 @@ from swarmstart.cases.campaign.studies.comparing import (
     contest_of,
     earlier_best,
     interleaved,
+    listed_best,
     with_distinct_names,
 )
 from swarmstart.cases.campaign.studies.comparison_plan import (
@@ -350,7 +351,7 @@ class Known(NamedTuple):
 def _known(
     contest: Contest, plan: ComparisonPlan, outcomes: Mapping[str, Outcome]
 ) -> Known | None:
-    """Return the least cost that is known from the plan and from earlier runs."""
+    """Return the least known cost: stated in the plan, listed, or of earlier runs."""
     results = [outcomes[c.key].result for e in contest.entries for c in e.cells]
     sense = next((one["sense"] for one in results if one is not None), 1)
     found = []
@@ -358,7 +359,12 @@ def _known(
     stated = plan.known.get(contest.name)
     if stated is not None:
         found.append(Known(float(sense * stated)))
-    earlier = None if contest.of == "flight" else earlier_best(contest, RUNS, sense)
+    if contest.of == "flight":
+        return min(found, key=lambda one: one.cost, default=None)
+    best = listed_best(contest)
+    if best is not None and best.cost is not None:
+        found.append(Known(float(sense * best.cost), LISTED[best.known_by]))
+    earlier = earlier_best(contest, RUNS, sense)
     if earlier is not None:
         where = f"an earlier run, {printable(str(earlier.folder))}"
         found.append(Known(float(sense * earlier.cost), where))

@@ -141,7 +141,8 @@ class Lowered:
     @property
     def time_row(self) -> int | None:
         """Number of the core's signal that is linear in the time; None without one."""
-        return self.stated.model.ns if self.stated.model.time.numel() else None
+        rows = [k.before.model.ns for k in self.links if isinstance(k.rewrite, Time)]
+        return rows[0] if rows else None
 
     def end_time(self, x0: Array) -> float:
         """Return the length of an answer's horizon [s].

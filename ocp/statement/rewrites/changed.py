@@ -15,7 +15,7 @@ from swarmstart.arrays import Array
 from swarmstart.errors import brief
 from swarmstart.ocp.common.errors import InvalidProblemError
 from swarmstart.ocp.common.expressions import symbol_names
-from swarmstart.ocp.common.limits import numbers_of
+from swarmstart.ocp.common.limits import numbers_of, shaped
 from swarmstart.ocp.statement.guesses import zero_controls
 from swarmstart.ocp.statement.problem import OptimalControlProblem
 from swarmstart.ocp.system.constraints import Bounds, Constraint
@@ -151,6 +151,31 @@ def changed_fields(
             terminal=timed(risk.terminal),
         ),
     }
+
+
+def signal_rows(problem: OptimalControlProblem, signals: ArrayLike) -> Array:
+    """Return the signals at the nodes, shape (ns, nodes).
+
+    Raises:
+        InvalidProblemError: If the shape is not the problem's, with the signals' names.
+    """
+    given, shape = numbers_of("signals", signals), (problem.ns, problem.nodes)
+    # A user without signals gives ().
+    rows = given if given.size or problem.ns else np.empty((0, problem.nodes))
+    return shaped("signals", rows, shape, lambda: meaning_of_known(problem, "signals"))
+
+
+def meaning_of_known(problem: OptimalControlProblem, role: str) -> str:
+    """Return what the values of a role in a Known are; empty if there are none."""
+    names = ", ".join(symbol_names(problem.symbols()[role]))
+    if not names:
+        return ""
+    if role == "parameters":
+        return f": Known(parameters=...), the values of {names}"
+    return (
+        f": Known(signals=...), a row for each of {names}, with its values at the "
+        f"{problem.nodes} nodes"
+    )
 
 
 def controls_before(

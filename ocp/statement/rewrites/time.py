@@ -6,12 +6,12 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from swarmstart.ocp.common.errors import InvalidProblemError
 from swarmstart.ocp.statement.problem import OptimalControlProblem
 from swarmstart.ocp.statement.rewrites.changed import (
     changed_fields,
     changed_model,
     replaced,
+    signal_rows,
     with_equations,
 )
 from swarmstart.ocp.statement.rewrites.end_time import length_of
@@ -61,14 +61,8 @@ class Time(Rewrite):
         Raises:
             InvalidProblemError: If the shape of the signals is not the problem's.
         """
-        nodes, own = problem.nodes, problem.model.ns
-        given = np.asarray(signals)
-        rows = given if given.size else np.empty((0, nodes))
-        if rows.shape != (problem.ns, nodes):
-            raise InvalidProblemError(
-                f"signals must have shape ({problem.ns}, {nodes}), got {rows.shape}"
-            )
-        tau = np.linspace(0.0, 1.0, nodes)[None, :]
+        rows, own = signal_rows(problem, signals), problem.model.ns
+        tau = np.linspace(0.0, 1.0, problem.nodes)[None, :]
         values = np.asarray(parameters)
         # If there is one more, the values are already those of the core.
         if values.size == problem.model.np - len(problem.decided):

@@ -1,5 +1,7 @@
 """Signals that jump between two checks are named, with the time of the ramp."""
 
+from dataclasses import replace
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -28,6 +30,18 @@ def test_a_jump_is_a_ramp_from_the_check_before_it_and_shorter_with_more_checks(
 ):
     assert ramps_of(problem(), smooth_and_jumping) == [Ramp("price", 1.0, 2.0)]
     assert ramps_of(problem(4), smooth_and_jumping) == [Ramp("price", 1.75, 2.0)]
+
+
+def test_a_signal_that_plans_hold_has_a_ramp_only_if_it_jumps_within_an_interval() -> (
+    None
+):
+    held = ss.HeldSignals(["price"])
+    for checks in (1, 4):
+        stated = replace(problem(checks), features=[held])
+        assert ramps_of(stated, smooth_and_jumping) == []
+    late = ramps_of(stated, lambda t: np.stack([0 * t, np.where(t < 2.5, 1.0, 3.0)]))
+    assert late == [Ramp("price", 2.5, 2.75, is_held=True)]
+    assert str(late[0]).endswith("between 2.5 s and 2.75 s, where plans keep its value")
 
 
 @pytest.mark.parametrize("reference", [

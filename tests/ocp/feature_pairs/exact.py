@@ -30,7 +30,7 @@ def exact(peer: Peer, point: Point) -> tuple[Array, float]:
             y = _flown(peer, y, held, (S[:, j], S[:, j + 1]), (t, j, dt))
         x = y[:-1]
         cost += y[-1] if stated.quadrature == "integral" else 0.0
-        end = u, p, S[:, -1], peer.begun(k + 1, point.length), before
+        end = u, p, S[:, m + 1], peer.begun(k + 1, point.length), before
         if stated.next_state.numel():
             late = peer.late(point.controls, k), *end[1:]
             x = np.array(peer.function(stated.next_state)(x, *late)).ravel()

@@ -190,12 +190,13 @@ class Peer:
         """
         stated, kind = self.stated, self.kind
         x, u, p = kind.sym("x", self.nx), kind.sym("u", self.nu), self._like("p", 2)
-        S = kind.sym("S", stated.signals.numel(), stated.checks + 1)
+        S = kind.sym("S", stated.signals.numel(), stated.checks + 2)
         t, before, dt = self._like("t", 4), self._like("v", 5), kind.sym("dt")
         late = kind.sym("late", self.nu)
 
         def at(state: Any, k: int) -> tuple[Any, ...]:
-            now = t + k * dt / stated.checks if stated.time.numel() else t
+            part = min(k, stated.checks) / stated.checks
+            now = t + part * dt if stated.time.numel() else t
             return state, u, p, S[:, k], now, before
 
         hard, soft = (
@@ -219,27 +220,33 @@ class Peer:
             cost += both[-1] if stated.quadrature == "integral" else 0
             for rows, those in zip(held, (hard, soft), strict=True):
                 rows.add([] if stated.is_discrete else those, at(state, k + 1))
+        after = stated.checks + 1  # The signals from the end of the interval on.
         if stated.next_state.numel():
-            state, _, *there = at(state, stated.checks)
+            state, _, *there = at(state, after)
             state = self.function(stated.next_state)(state, late, *there)
-            for rows, those in zip(held, (hard, soft), strict=True):
-                left = [c for c in those if self.depends(c, moved)]
-                left = [c for c in left if not self.depends(c, stated.controls)]
-                rows.add(left, at(state, stated.checks))
+        for rows, those in zip(held, (hard, soft), strict=True):
+            left = [c for c in those if self.depends(c, moved)]
+            left = [c for c in left if not self.depends(c, stated.controls)]
+            rows.add(left, at(state, after))
         if stated.quadrature == "right":
-            cost += dt * stage(*at(state, stated.checks))
+            cost += dt * stage(*at(state, after))
         columns = [ca.vertcat(kind(0, 1), *rows.values) for rows in held]
         arguments, outputs = [x, u, p, S, t, before, dt, late], [state, cost, *columns]
         whole = ca.Function("interval", arguments, outputs)
         return whole, held[0].limits, held[1].limits
 
+    @property
+    def is_held(self) -> bool:
+        """Whether signals jump at the ends of intervals."""
+        return self.stated.held and not self.stated.is_discrete
+
     def _moved(self) -> ca.SX:
-        """Return the states that the end of an interval changes."""
+        """Return the states and signals that the end of an interval changes."""
         x, after = self.stated.states, self.stated.next_state
-        if not after.numel():
-            return ca.SX(0, 1)
-        same = [ca.is_equal(after[i], x[i]) for i in range(self.nx)]
-        return ca.vertcat(ca.SX(0, 1), *[x[i] for i in range(self.nx) if not same[i]])
+        moved = [self.stated.signals] if self.is_held else []
+        if after.numel():
+            moved += [x[i] for i in range(self.nx) if not ca.is_equal(after[i], x[i])]
+        return ca.vertcat(ca.SX(0, 1), *moved)
 
     def _like(self, name: str, number: int) -> Any:
         return self.kind.sym(name, self._symbols[number].numel())
@@ -284,8 +291,12 @@ class Peer:
         return self.time_after(k * length / self.stated.intervals)
 
     def nodes(self, k: int) -> Array:
-        m = self.stated.checks
-        return self.stated.signal_values[:, k * m : (k + 1) * m + 1]
+        """Return the signals at the checks of an interval, and from its end on."""
+        m, values = self.stated.checks, self.stated.signal_values
+        columns = np.minimum(np.arange(m + 2), m) + k * m
+        if self.is_held:
+            columns[:-1] = k * m
+        return values[:, columns]
 
     def parameters_with(self, decided: Any) -> Any:
         known = [value for _, value in self.stated.parameters.values()]

@@ -15,6 +15,7 @@ from swarmstart.ocp import (
     AlgebraicEquations,
     Bounds,
     Free,
+    HeldSignals,
     Known,
     Model,
     OptimalControlProblem,
@@ -82,6 +83,7 @@ class Stated:
         solved: An algebraic variable, its equation, and what solves it.
         ceiling: An upper bound of the first control, as an expression.
         delay: Intervals by which the last control is late.
+        held: Whether the signals are held over intervals.
         maximize: Whether the costs are stated with the other sign.
     """
 
@@ -117,6 +119,7 @@ class Stated:
     solved: tuple[ca.SX, ca.SX, ca.SX] | None = None
     ceiling: ca.SX | None = None
     delay: int = 0
+    held: bool = False
     maximize: bool = False
     quadrature: str = "integral"
     integrator: str = "rk4"
@@ -224,11 +227,15 @@ class Stated:
             features=self._features(),
         )
 
-    def _features(self) -> list[TransportDelay]:
-        if not self.delay:
-            return []
-        name = self.controls[-1].name()
-        return [TransportDelay({name: self.delay * self.horizon / self.intervals})]
+    def _features(self) -> list[TransportDelay | HeldSignals]:
+        found: list[TransportDelay | HeldSignals] = []
+        if self.delay:
+            name = self.controls[-1].name()
+            late = self.delay * self.horizon / self.intervals
+            found.append(TransportDelay({name: late}))
+        if self.held:
+            found.append(HeldSignals([s.name() for s in ca.vertsplit(self.signals)]))
+        return found
 
     @property
     def _upper(self) -> Any:

@@ -68,6 +68,7 @@ def _constraints() -> Calls:
         "Bounds": with_defaults(ss.Bounds, controls=(-1, 1)),
         "Free": with_defaults(ss.Free, lower=1.0, upper=2.0),
         "CountedFrom": with_defaults(ss.CountedFrom, numbers={"x": 1e9}),
+        "HeldSignals": with_defaults(ss.HeldSignals, names=["price"]),
         "TransportDelay": with_defaults(ss.TransportDelay, seconds={"u": 0.5}),
         "Rows": Call(ocp.Rows, {"values": x, "lower": made.START, "upper": made.START}),
         "Connection": with_defaults(ss.Connection, relative=second, distance=1.0),

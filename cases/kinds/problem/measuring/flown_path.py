@@ -22,7 +22,12 @@ from swarmstart.cases.kinds.problem.stated.members import (
 from swarmstart.cases.kinds.problem.stated.model import COSTS, model_of
 from swarmstart.cases.kinds.problem.stated.phases import interval_ends, phase_scenarios
 from swarmstart.cases.kinds.problem.stated.scenario import ProblemScenario
-from swarmstart.cases.kinds.problem.stated.symbols import ARRAYS, TIME, constants_of
+from swarmstart.cases.kinds.problem.stated.symbols import (
+    ARRAYS,
+    TIME,
+    Signal,
+    constants_of,
+)
 from swarmstart.cases.kinds.problem.stated.values import (
     Tables,
     inputs_of,
@@ -31,6 +36,7 @@ from swarmstart.cases.kinds.problem.stated.values import (
 from swarmstart.cases.record.trajectory_arrays import control_rows, held_controls
 from swarmstart.ocp import OptimalControlProblem, Trajectory, zero_controls
 from swarmstart.ocp.common import symbol_names
+from swarmstart.ocp.loop import until_jumps
 from swarmstart.ocp.statement import lowered
 from swarmstart.ocp.system import row_excess
 
@@ -133,6 +139,24 @@ def algebraic_rows(
     return np.array(found).reshape(-1, *times.shape)
 
 
+def rows_before_jumps(rows: Signal, times: Array) -> Array:
+    """Return values over time along a path, shape (rows, T * (m + 1)).
+
+    Like a control, a value that jumps at the end of an interval has its earlier value
+    there; the next row of times begins with the later one.
+
+    Args:
+        rows: Times, shape (n,) [s] -> values, shape (n,) or (rows, n).
+        times: Times along the path, as from `rows_of`, shape (T, m + 1) [s].
+    """
+    found = np.atleast_2d(rows(times.reshape(-1))).reshape(-1, *times.shape).copy()
+    last = int(np.searchsorted(times[0], times[0, -1]))  # Before the state's jump.
+    found[:, :, last] = until_jumps(
+        lambda at: np.atleast_2d(rows(at)), times[:, last - 1], times[:, last]
+    )
+    return found.reshape(len(found), -1)
+
+
 def integrated(values: Array, times: Array) -> float:
     """Return the time integral of values along a path, in rows as from `rows_of`."""
     from scipy.integrate import simpson  # Slow to import; `check` measures nothing.
@@ -163,7 +187,7 @@ def flown_values(
         parameters[names.index(name)] = rows.reshape(-1)
     signals = np.empty((0, at.size))
     if agent.reference is not None and problem.ns:
-        signals = agent.reference(at)[: problem.ns]
+        signals = rows_before_jumps(agent.reference, times)[: problem.ns]
     symbols = [*problem.symbols().values(), problem.previous, model.time]
     arguments = [
         states.reshape(len(states), -1),
@@ -256,8 +280,7 @@ def path_of(
     constants end with its suffix; the file's constants can also be used without it.
     """
     posed, (times, states, controls) = flight.posed, rows_of(flight, trajectory)
-    flat = times.reshape(-1)
-    shared = {n: f(flat).reshape(times.shape) for n, f in posed.known.items()}
+    shared = _known_along(posed, times)
     shared |= decided_rows(flight, trajectory, times.shape)
     shared[TIME] = times
     together: dict[str, Value] = {**constants_of(scenario), **shared}
@@ -285,6 +308,14 @@ def path_of(
     return together
 
 
+def _known_along(posed: ProblemPosed, times: Array) -> dict[str, Value]:
+    """Return the parameters and signals along a path, each (T, m + 1), by name."""
+    return {
+        name: rows_before_jumps(known, times).reshape(times.shape)
+        for name, known in posed.known.items()
+    }
+
+
 def path_of_phases(
     scenario: ProblemScenario, flight: Flight[ProblemPosed], trajectory: Trajectory
 ) -> dict[str, Value]:
@@ -294,8 +325,8 @@ def path_of_phases(
     are constant.
     """
     posed, (times, states, controls) = flight.posed, rows_of(flight, trajectory)
-    flat, shape = times.reshape(-1), times.shape
-    shared = {n: f(flat).reshape(shape) for n, f in posed.known.items()}
+    shape = times.shape
+    shared = _known_along(posed, times)
     shared |= decided_rows(flight, trajectory, shape)
     shared[TIME] = times
     model = flight.plant.model

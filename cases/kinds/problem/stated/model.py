@@ -32,6 +32,7 @@ from swarmstart.cases.kinds.problem.stated.scenario import (
     Vehicles,
 )
 from swarmstart.cases.kinds.problem.stated.symbols import (
+    TIMING_S,
     decided_parameters,
     fixed_limits,
     free,
@@ -39,12 +40,13 @@ from swarmstart.cases.kinds.problem.stated.symbols import (
     moving_limits,
     number,
 )
-from swarmstart.cases.kinds.problem.stated.values import Decided
+from swarmstart.cases.kinds.problem.stated.values import Decided, Table
 from swarmstart.ocp import (
     AlgebraicEquations,
     Bounds,
     Connection,
     Free,
+    HeldSignals,
     Model,
     OptimalControlProblem,
     PathConstraint,
@@ -241,6 +243,30 @@ def _features(scenario: ProblemScenario, members: Sequence[Member]) -> list[Feat
         }
         if given:
             found.append(feature(given))
+    held = _held(scenario, members[0].constants)
+    return [*found, HeldSignals(held)] if held else found
+
+
+def _held(scenario: ProblemScenario, constants: Mapping[str, float]) -> list[str]:
+    """Return the signals that plans hold: tables that jump where intervals begin.
+
+    Plans that end at a fixed time have intervals of other lengths, and those of a team
+    that commits to its plans have no jumps at all.
+    """
+    feedback, vehicles = scenario.feedback, scenario.vehicles
+    committed = vehicles is not None and vehicles.is_committed
+    if feedback.ends_at_s is not None or feedback.period_s is not None or committed:
+        return []
+    horizon = horizon_of(scenario, constants)
+    if isinstance(horizon, Free):
+        return []
+    dt, found = horizon / scenario.prediction.intervals, []
+    for name, given in scenario.signals.items():
+        if isinstance(given, Table) and given.between == "hold":
+            jumps = np.array(given.times[1:])[np.diff(given.values) != 0]
+            off = np.abs(jumps - dt * np.rint(jumps / dt))
+            if jumps.size and (off <= TIMING_S).all():
+                found.append(name)
     return found
 
 

@@ -113,7 +113,9 @@ class Table(Part):
         times: Increasing times [s].
         values: Values, one at each time.
         between: Values between two times: linear changes evenly, hold keeps the earlier
-            one.
+            one. A signal that holds jumps in plans, too, if its times are those of
+            control intervals of a fixed length; else plans take it as linear from one
+            check to the next.
     """
 
     times: list[Number] = Field(min_length=1, max_length=10_000)

@@ -14,6 +14,7 @@ from swarmstart.cases.campaign.studies.comparing import (
     contest_of,
     earlier_best,
     interleaved,
+    listed_best,
     with_distinct_names,
 )
 from swarmstart.cases.campaign.studies.comparison_plan import Chosen, ComparisonPlan, Of
@@ -21,6 +22,7 @@ from swarmstart.cases.campaign.trials.solver_names import solvers_of
 from swarmstart.cases.campaign.trials.solvers import solve_cell
 from swarmstart.cases.format.kind import SeveralPlansError
 from swarmstart.cases.format.scenario import read_document, resolve
+from swarmstart.cases.hard.best_known import best_known
 from swarmstart.cases.record.record import MARK, SCENARIO, Recording
 
 TRAM = """\
@@ -202,6 +204,22 @@ def test_a_comparison_knows_earlier_runs_of_the_same_problem(
     assert earlier_best(contest(tram), runs) == (1.0, other)
     # The larger value of a problem that is maximised.
     assert earlier_best(contest(tram), runs, -1) == found
+
+
+def test_a_comparison_knows_the_listed_value_of_a_hard_problem_as_shipped(
+    tmp_path: Path,
+) -> None:
+    found = listed_best(contest("hard/gears_6"))
+    assert found is not None and found.known_by == "exact"
+    assert found.cost == best_known()["hard/gears_6"].cost
+    # Another method does not matter, another problem does.
+    assert listed_best(contest("hard/gears_6", "lanes=3", "basins=1")) == found
+    assert listed_best(contest("hard/gears_6", "prediction.intervals=13")) is None
+    assert listed_best(contest("pendulum")) is None
+    assert listed_best(contest("hard/crossing_6")) is None  # No value is known.
+    copy = tmp_path / "gears_6.yaml"  # Its own problem, though it has the name.
+    copy.write_text(TRAM)
+    assert listed_best(contest(str(copy))) is None
 
 
 @pytest.mark.parametrize(

@@ -107,7 +107,7 @@ def test_units_that_contradict_each_other_are_warned_of(
 
 JUMP = """\
 kind: problem
-signals: {low: {times: [0, 2], values: [2, 0], between: hold}}
+signals: {low: {times: [0, 1.5], values: [2, 0], between: hold}}
 states: {x: {start: START, rate: u, bounds: [low, null]}}
 controls: {u: {bounds: [-1, 1]}}
 stage_cost: u**2

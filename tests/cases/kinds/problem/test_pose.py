@@ -337,12 +337,7 @@ def test_a_plan_for_another_system_than_the_simulated_one_is_said_to_be_one() ->
     assert Paragraph.OTHER_SYSTEM not in alone.ended.paragraphs
 
 
-def test_a_limit_that_jumps_between_checks_is_another_for_the_simulated_system() -> (
-    None
-):
-    """Plans keep a ramp from 2 to 0; 0.95 s later x is 0.95 below the true limit."""
-    finished = run(
-        stated("""\
+FALLING = """\
 kind: problem
 signals: {low: {times: [0, 2], values: [2, 0], between: hold}}
 states: {x: {start: 2, rate: u, bounds: [low, null]}}
@@ -350,14 +345,28 @@ controls: {u: {bounds: [-1, 1]}}
 stage_cost: (1 + u)**2 + x
 prediction: {horizon_s: 4, intervals: 4}
 search: {name: none}
-"""),
-        seed=0,
-    )
+"""
+
+
+def test_a_limit_that_jumps_between_checks_is_another_for_the_simulated_system() -> (
+    None
+):
+    """Plans keep a ramp from 2 to 0; 0.9 s later x is 0.9 below the true limit."""
+    finished = run(stated(FALLING.replace("[0, 2]", "[0, 1.95]", 1)), seed=0)
     words = "the simulated system is another; low jumps or bends between 1 s and 2 s"
     assert words in finished.status and words in outcome(finished)
     assert Paragraph.OTHER_SYSTEM in finished.ended.paragraphs
-    assert finished.measures["constraint_excess"] == pytest.approx(0.95, abs=1e-6)
+    assert finished.measures["constraint_excess"] == pytest.approx(0.9, abs=1e-6)
     assert kept_constraints(finished).startswith("Constraints are broken: largest")
+
+
+def test_a_limit_that_jumps_at_the_end_of_an_interval_is_kept_until_then() -> None:
+    finished = run(stated(FALLING), seed=0)
+    assert "another" not in finished.status
+    assert finished.measures["constraint_excess"] < 1e-6
+    assert finished.measures["flown_cost"] == pytest.approx(
+        finished.measures["cost"], rel=1e-9
+    )
 
 
 def test_stiff_problem_is_planned_verified_and_simulated_by_stiff_steps() -> None:
