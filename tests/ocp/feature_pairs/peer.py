@@ -237,7 +237,7 @@ class Peer:
 
     @property
     def is_held(self) -> bool:
-        """Whether signals jump at the ends of intervals."""
+        """True if signals jump at the ends of intervals."""
         return self.stated.held and not self.stated.is_discrete
 
     def _moved(self) -> ca.SX:
