@@ -9,10 +9,15 @@ from swarmstart.cases.campaign.running.finished_run import Run
 from swarmstart.cases.campaign.running.run import run
 from swarmstart.cases.commands.front.cli import main
 from swarmstart.cases.format.kind import FLIGHT_CERTIFICATE
+from swarmstart.cases.kinds.problem.pose import pose
 from swarmstart.cases.record.record import Recording
 from swarmstart.ocp import Source
 from swarmstart.terminal_set import check
-from swarmstart.tests.cases.kinds.problem.conftest import simulated, stated
+from swarmstart.tests.cases.kinds.problem.conftest import (
+    scenario_of,
+    simulated,
+    stated,
+)
 
 DRONES = """\
 kind: problem
@@ -156,6 +161,16 @@ def test_what_does_not_fit_is_said_with_its_place(
     assert part in DRONES
     with pytest.raises(ValueError, match=said.replace("[", r"\[")):
         stated(DRONES.replace(part, other))
+
+
+def test_signals_of_committed_plans_are_not_held_since_no_state_may_jump() -> None:
+    price = "signals: {price: {times: [0, 1], values: [1, 2], between: hold}}\n"
+    text = price + DRONES.replace("stage_cost: (x", "stage_cost: price*ax + (x")
+    posed = pose(scenario_of(text))
+    assert [agent.problem.features for agent in posed.agents] == [(), ()]
+    joint = text.replace(PLANNING, "planning: joint").replace("  links: {mo", "  # {mo")
+    joint = joint[: joint.index("dual_mode")] + "feedback: receding_horizon\n"
+    assert pose(scenario_of(joint)).agents[0].problem.features
 
 
 def test_committed_plans_need_a_set_in_which_they_end() -> None:

@@ -54,6 +54,9 @@ def test_tables_that_jump_where_intervals_begin_are_held() -> None:
 def test_others_are_linear_between_checks() -> None:
     hours = {"horizon_s": "24*hour", "intervals": 16}  # Of 1.5 hours.
     assert features(prediction=hours) == (HeldSignals(["lowest"]),)
+    partly = {"times": [0, "6*hour", "20*hour"], "values": [1, 2, 1], "between": "hold"}
+    low = {"times": [0], "values": [17]}
+    assert features(prediction=hours, signals={"price": partly, "lowest": low}) == ()
     shrinking = {"law": "receding_horizon", "ends_at_s": "24*hour"}
     more = {"steps": 24, "plant": {"substeps": 24}}
     assert features(feedback=shrinking, **more) == ()

@@ -31,7 +31,9 @@ from swarmstart.ocp import (
     solve,
     solve_many,
 )
+from swarmstart.ocp.common.expressions import symbol_names
 from swarmstart.ocp.loop import until_jumps
+from swarmstart.ocp.rollout.fitness import core_known, stated_known
 from swarmstart.ocp.statement import held_signals, lowered
 from swarmstart.tests.ocp.feature_pairs.comparison import compared
 from swarmstart.tests.ocp.feature_pairs.features import FEATURES, drawn, go_together
@@ -205,10 +207,26 @@ def test_core_keeps_the_signals_and_is_not_rewritten_again() -> None:
     assert lowered(bought(features=[HeldSignals([])])).links == ()
 
 
+def test_core_with_the_time_gives_back_what_is_known_of_the_stated_problem() -> None:
+    t, k = ca.SX.sym("t"), ca.SX.sym("k")
+    timed = Model(states=X, controls=U, ode=U + k * ca.sin(t), time=t, parameters=k)
+    whole = lowered(bought(model=timed))
+    assert [*symbol_names(whole.core.signals)] == ["price", "tau"]
+    assert whole.time_row == 1
+    known = Known(parameters=[0.3], signals=[[0.5, 1.0, 7.0]], time=2.0)
+    core = core_known(whole, known)
+    back = stated_known(
+        whole, whole.start([0.0]), np.array(core.parameters), np.array(core.signals)
+    )
+    np.testing.assert_array_equal(back.signals, known.signals)
+    np.testing.assert_array_equal(back.parameters, known.parameters)
+    assert back.time == 2.0
+
+
 def test_discrete_time_takes_the_values_at_the_nodes() -> None:
     moved = Model(states=X, controls=U, next_state=X + U)
     stated = bought(model=moved)
-    assert lowered(stated).links == ()
+    assert lowered(stated).links == () and held_signals(stated) == set()
 
 
 @pytest.mark.parametrize(
