@@ -20,6 +20,7 @@ from swarmstart.ocp.rollout.shooting import Shooting
 from swarmstart.ocp.statement.decisions import Free
 from swarmstart.ocp.statement.guesses import Appended
 from swarmstart.ocp.statement.problem import OptimalControlProblem
+from swarmstart.ocp.statement.rewrites.held import held_signals
 from swarmstart.terminal_set import TerminalSet
 
 KNOTS = 6
@@ -229,6 +230,8 @@ def _require_plain(loop: RecedingHorizon) -> None:
         "out": loop.within is not None,
         "its integrator has no fixed number of steps: take 'rk4' with substeps":
         planner.problem.is_adaptive,
+        "signals of it are held over intervals (HeldSignals, between: hold), and a C "
+        "file takes them as linear: give them as linear": bool(held_signals(stated)),
         f"it has a feature that a C file has not ({', '.join(map(str, beyond))}): "
         "state it by signals and states": bool(beyond),
         "it decides its start, which a closed loop measures: leave `start` out": bool(

@@ -128,6 +128,12 @@ def _from_near() -> ss.RecedingHorizon:
     return loop_of(replace(integrator(), features=[ss.CountedFrom({"x_0": 1e9})]))
 
 
+def _held() -> ss.RecedingHorizon:
+    price = ca.SX.sym("price")
+    priced = replace(integrator(), signals=price, features=[ss.HeldSignals(["price"])])
+    return loop_of(priced, reference=lambda times: np.ones((1, times.size)))
+
+
 def _of_time() -> ss.RecedingHorizon:
     x, u, t = ca.SX.sym("x"), ca.SX.sym("u"), ca.SX.sym("t")
     model = ss.Model(states=x, controls=u, ode=u + ca.sin(t), time=t)
@@ -152,6 +158,7 @@ def _of_time() -> ss.RecedingHorizon:
         (_checks, "constraints within an interval: take checks=1"),
         (_of_one_interval, "one interval: take two or more"),
         (_from_near, "far from zero"),
+        (_held, "are held over intervals .*give them as linear"),
         (_of_time, "a feature that a C file has not"),
     ],
 )
