@@ -72,7 +72,10 @@ def answered(call: Callable[[], Any]) -> tuple[bool, Any]:
 
 
 def main() -> int:
-    """Load the simulator of the first frame; make roll-outs until the input ends."""
+    """Load the simulator from the first frame of bytes, then make roll-outs.
+
+    Each further frame is answered by a roll-out, until the input ends.
+    """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # The parent ends this process.
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
     if sys.platform.startswith("linux"):

@@ -95,9 +95,9 @@ def input_levels(job: Mapping[str, Any], folder: Path) -> dict[str, Any]:
 def continuous_law(job: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     """Return measures of the linear law with a continuous input, not a held one.
 
-    The function simulates x' = f(x, u_ref - K (x - x_ref)) for 30 s from states on the
-    edge of the printed set, e'Pe = alpha, drawn with a fixed seed; the input is not
-    clipped, as printed.
+    The function simulates x' = f(x, u_ref - K (x - x_ref)) for 30 s. The states at the
+    start are drawn with a fixed seed on the edge e'Pe = alpha of the set that the
+    chapter prints. As in the printed law, the input is not clipped.
     """
     del job, folder
     printed, _ = _printed_law()

@@ -289,11 +289,11 @@ def _label_time(blocks: "list[list[Axes]]", columns: int) -> None:
 def draw_panel(
     axes: "Axes", panel: Panel, labels: Labels, *, width: int = _LINE_WIDTH
 ) -> None:
-    """Draw lines or held steps, and the bounds that are near.
+    """Draw values as lines or held steps, and the bounds that are near the values.
 
     Args:
-        axes: The panel.
-        panel: The quantity.
+        axes: Axes of matplotlib to draw into.
+        panel: Values and bounds of one quantity.
         labels: Words on the axes.
         width: Number of characters in a line of the vertical label.
     """

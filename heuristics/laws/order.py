@@ -327,9 +327,9 @@ def precedes(  # noqa: PLR0913, PLR0917 - numbers only: see the docstring
 ) -> bool:
     """Return whether a is strictly better, as `better_at` does, from plain numbers.
 
-    It is for loops over individuals. A `RunningOrder` holds an array, and compiled code
-    would count the references to it at each call, which takes longer than the
-    comparison.
+    Call it in loops over individuals, in place of `better_at`: a `RunningOrder` holds
+    an array, and compiled code would count the references to it at each call, which
+    takes longer than the comparison.
     """
     if not is_finite(cost_a, violation_a):
         return False

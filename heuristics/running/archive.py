@@ -32,7 +32,7 @@ class Archive(NamedTuple):
         members: Number of points in use, int64, shape (1,).
         free: Indices of the variables that are not fixed, int64 (`Box.free`).
         width: Widths of the box, shape (dim,); 1 for variables that are fixed.
-        radius: Least distance of two members, a fraction of the widths, shape (1,).
+        radius: Least distance of two members, as `distance` measures it, shape (1,).
     """
 
     points: Array
@@ -50,7 +50,7 @@ def new_archive(box: Box, *, room: int, radius: float) -> Archive:
     Args:
         box: The box.
         room: Largest number of members; with 0 nothing is kept.
-        radius: Least distance of two members, a fraction of the widths of the box.
+        radius: Least distance of two members, as `distance` measures it.
     """
     return Archive(
         points=np.zeros((box.dim, room)),
@@ -116,7 +116,11 @@ def offer(
 
 @kernel
 def distance(archive: Archive, point: Array, k: int) -> float:
-    """Distance of a point from member k, a fraction of the widths of the box."""
+    """Distance of a point from member k.
+
+    It is the root mean square, over the variables that are not fixed, of the
+    differences divided by the widths of the box.
+    """
     total = 0.0
     for d in archive.free:
         part = (point[d] - archive.points[d, k]) / archive.width[d]

@@ -131,7 +131,11 @@ def settled_answer(
     known: Known,
     rng: np.random.Generator,
 ) -> Solution:
-    """Test a stationary answer from perturbed starts; return others unchanged.
+    """Test from perturbed starts whether an answer is a local optimum.
+
+    An answer is tested if it is feasible but not shown to be a local optimum, comes
+    from an NLP solver, and touches no kink; the tested answer or a better one is
+    returned. Any other answer is returned unchanged.
 
     Args:
         planner: The problem's planner.

@@ -93,8 +93,9 @@ class OptimalityGap:
     def apart(self) -> float | None:
         """Largest possible improvement of the answer, as a difference of costs.
 
-        It is negative if the answer is better than the bound, and None without a bound
-        or a confirmed answer.
+        It is negative if the answer's cost is better than the bound: by the error of
+        this cost (`tolerance`), or because one of the two is wrong. It is None without
+        a bound or a confirmed answer.
         """
         if not self.kind.is_bound or self.value is None or self.cost is None:
             return None

@@ -209,7 +209,10 @@ def with_more_checks(
 
 
 def at_points(problem: OptimalControlProblem) -> OptimalControlProblem:
-    """Return a problem whose separations are measured at points, as in an NLP."""
+    """Return a problem in which each `Separation` is measured at the checks only.
+
+    Its margin is that of the NLP, which sees these points only.
+    """
     return replace(
         problem,
         constraints=[
@@ -222,7 +225,7 @@ def at_points(problem: OptimalControlProblem) -> OptimalControlProblem:
 
 
 def has_segments(problem: OptimalControlProblem) -> bool:
-    """Return whether a separation of the problem is measured along segments."""
+    """Return whether a `Separation` of the problem is measured along segments."""
     return any(
         isinstance(c, Separation) and c.along == "segments" for c in problem.stated
     )

@@ -43,7 +43,11 @@ class Rebuilt:
 
 
 class Expressed(Rebuilt):
-    """Base of dataclasses with expressions; they keep their common symbols."""
+    """Base of dataclasses that are copied and pickled with their expressions.
+
+    Expressions that have a symbol in common still have it in common in a loaded pickle
+    and in a copy.
+    """
 
     __slots__ = ()
 

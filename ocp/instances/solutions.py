@@ -88,9 +88,10 @@ class Solutions(Presenting):
             limit between the checks; "neighbour", the answer of another instance;
             "random"; empty without an answer.
         attempts: Number of solves of each instance, shape (M,).
-        sampled: Number of instances drawn at random at which other starts in lanes
-            found nothing cheaper, so that these starts were not tried at the other
-            instances; 0: no start was left out in this way.
+        sampled: Number of instances, drawn at random, at which the starts in lanes
+            after the first one found nothing cheaper. So these starts were left out at
+            the instances that had an answer and were not drawn. 0: no start was left
+            out for this reason.
         invalid: Reason why an instance is invalid, by its number.
         seconds: Wall time of the solves [s].
         core_answers: The answers in the terms of the rewritten problem (core).
@@ -489,8 +490,7 @@ def solutions_of(
         problem: The problem as it was given.
         data: Data of all M instances.
         work: The valid instances and their answers.
-        sampled: Number of instances, drawn at random, at which other starts found
-            nothing cheaper; 0: no instances were drawn.
+        sampled: As in `Solutions`.
         seconds: Wall time [s].
         how: Settings of the solves.
     """

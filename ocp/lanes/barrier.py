@@ -279,7 +279,10 @@ class Walls:
         return entries[:s], entries[s : s + p], entries[s + p :]
 
     def pressure(self, m: ca.SX) -> ca.SX:
-        """Return the derivative of m' (c - s + p - n) by v, without that of c."""
+        """Return the derivative of m' (-s + p - n) by the variables v with bounds.
+
+        s are slacks, p and n elastic variables, and m multipliers of the rows.
+        """
         none = ca.SX.zeros(self.own.size, 1)
         columns = [
             sign * picked(m, rows)

@@ -150,10 +150,11 @@ class Places:
     """The parts of a problem.
 
     Attributes:
-        interval: One interval, whose own variables are (xa, u).
+        interval: One interval; its `own` variables are the state xa after it and its u.
         end: The end.
-        begin: The start, whose own variables are the decisions y about it.
-        tied: Matrix, shape (nx, ny): 1 if a state starts at a decision.
+        begin: The start; its `own` variables are the decisions y about it.
+        tied: Matrix, shape (nx, ny): entry (i, j) is 1 if decision j is the initial
+            value of state i, else 0.
         N: Number of intervals.
     """
 

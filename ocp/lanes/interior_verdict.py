@@ -67,7 +67,9 @@ JUDGED = (
 
 
 def aimed(end: Place) -> tuple[Named, Named]:
-    """Return the symbols read after a sweep, and expressions of the new values.
+    """Return the symbols that a lane reads after a sweep, and what it writes.
+
+    It writes the new numbers in `AIMED`, and the steps of the variables at the end.
 
     Args:
         end: The end of the horizon, as a part.
@@ -114,7 +116,10 @@ def aimed(end: Place) -> tuple[Named, Named]:
 def judged(
     places: Places, tolerance: float, most: int, rounding: float = ROUNDING
 ) -> tuple[Named, Named]:
-    """Return the symbols read after a trial, and expressions of the new values.
+    """Return the symbols that a lane reads after a trial step, and what it writes.
+
+    It writes the new numbers in `JUDGED`, the new variables at both ends, how much of
+    the step is taken, and whether the lane is done.
 
     Args:
         places: The parts of the problem.

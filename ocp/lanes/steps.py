@@ -73,7 +73,10 @@ def is_divisible(problem: OptimalControlProblem) -> bool:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Steps:
-    """A core (rewritten problem) with an interval for each step, and conversions.
+    """A core (rewritten problem) with an interval for each step of its integrator.
+
+    The methods convert what belongs to the stated intervals, such as controls, to these
+    short ones, and answers back.
 
     Attributes:
         whole: The core with the intervals that were stated.

@@ -107,7 +107,8 @@ class NlpSolvers:
     """Solvers of one problem; each is built at its first use and then kept.
 
     Attributes:
-        has_fixed_steps: Whether the steps of the NLP are the problem's own.
+        has_fixed_steps: Whether all guesses share one NLP; if not, the number of its
+            steps is chosen for each guess.
         built: Solvers built so far, by the steps of their NLP.
     """
 

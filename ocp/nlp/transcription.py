@@ -401,7 +401,8 @@ class Given(NamedTuple):
 
     Attributes:
         controls: Controls, shape (nu, N).
-        pieces: States at both ends of each check, shape (nx, checks + 1, N).
+        pieces: States at the start of each interval and at each of its checks, shape
+            (nx, checks + 1, N).
         parameters: Parameters, shape (np,).
         signals: Signals at the nodes, shape (ns, nodes).
     """

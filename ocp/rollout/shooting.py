@@ -12,6 +12,9 @@ initial state. All functions here take these arguments, in this order:
                 length of w is problem.automatic
     signals     ca.vec of (ns, nodes): node after node, shape (ns * nodes,)
 
+In "cost / unit" the unit is a power of two by which all costs are divided, see
+`Shooting.costs`.
+
 If a rollout is not finite, its violation is infinity: such values stay in the sums
 (violation.py). A state that is not finite never becomes finite again, so the states are
 checked only at the end.
@@ -305,7 +308,10 @@ class Shooting(Rebuilt):
         return _trajectory(self)
 
     def cost_at_begin(self, x: ca.SX, u: ca.SX, p: ca.SX, s: ca.SX) -> ca.SX:
-        """Return the cost / unit at the start of an interval."""
+        """Return what an interval costs at its start, divided by the unit of the cost.
+
+        This is the step cost and, with the quadrature "left", the stage cost times dt.
+        """
         problem, cost = self.problem, ca.SX(0)
         if problem.quadrature == "left":
             cost = problem.dt * self.stage_cost(x, u, p, s)

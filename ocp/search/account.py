@@ -306,11 +306,15 @@ class StartsAccount:
 
     @property
     def origin(self) -> str:
-        """The start that the answer comes from, and the work that it did not need."""
+        """The kind of start that the answer comes from, and a note on needless work.
+
+        The note, in brackets, says that the search was left out, or which of lanes and
+        search ran but found nothing better. There may be no note.
+        """
         return f"{self.won}{self._not_needed()}"
 
     def _not_needed(self) -> str:
-        """Return a note on parts that the answer did not need; empty if all were."""
+        """Return a note on work left out or without use; empty if there is none."""
         if self.agree:
             return " (the lanes agree, so that no search was made)"
         best = self.best_of(self.won)

@@ -154,7 +154,10 @@ class StartLanes:
         )  # fmt: skip
 
     def varied(self, solved: Solved, n: int, rng: np.random.Generator) -> Solved:
-        """Return the answers and those of variations, in rounds while costs fall.
+        """Return given answers, and the answers from variations of the cheapest.
+
+        A further round of variations follows as long as the least cost falls, at most
+        `ROUNDS` in all.
 
         Args:
             solved: Answers from random starts.

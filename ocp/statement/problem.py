@@ -727,8 +727,9 @@ class OptimalControlProblem(Expressed):
     def automatic(self) -> int:
         """Number of a rollout's parameters that depend on the initial state.
 
-        These are 1 / scale of rows and, with step size control, the sizes of the
-        integrated quantities.
+        These are 1 / scale of each constraint row whose scale depends on the initial
+        state and, with step size control, the sizes of the states and of the integrated
+        cost.
         """
         rows = sum(int(np.isnan(scales).sum()) for scales in self.row_scales())
         return rows + (self.model.nx + self.integrals if self.is_adaptive else 0)

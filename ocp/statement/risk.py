@@ -73,7 +73,7 @@ class Risk(Expressed):
         return np.tile(x0, self.members) if x0.size * self.members == nx else x0
 
     def negated(self) -> "Risk":
-        """Return the risk of the members' costs multiplied by -1."""
+        """Return the same risk of negated costs: each member's cost times -1."""
         return replace(
             self,
             stage=-self.stage,

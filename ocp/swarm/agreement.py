@@ -81,9 +81,12 @@ def decide(
     """Let all vehicles accept, commit to and withdraw candidates.
 
     Args:
-        now: Number of the rule, present step, and least distance of two plans [m].
-        rank: Order in which candidates give way, shape (n,).
-        terms: Terms of the plans.
+        now: Number of the rule (`RULES`), present step, and least distance that two
+            plans must keep [m], scaled.
+        rank: Rank of each vehicle: of two candidates that may meet, that of the vehicle
+            with the higher rank gives way, shape (n,).
+        terms: The step at which each plan parts from the plan before, and whether it is
+            its vehicle's last.
         members: Memories of the vehicles.
         plans: All plans of the vehicles, each a row.
         results: Gets WAITING, COMMITTED, WITHDRAWN or NOTHING, shape (n,).
@@ -141,7 +144,8 @@ class Agreement:
     Attributes:
         plans: All plans: those of the start, those that are known to all, such as
             obstacles, and those that were proposed, in this order.
-        terms: Terms of the plans.
+        terms: The step at which each plan parts from the plan before, and whether it is
+            its vehicle's last.
         members: Memories of the vehicles.
         not_before: Tick before which a vehicle proposes nothing, shape (n,).
     """
@@ -162,7 +166,7 @@ class Agreement:
             plans: Plans of the start, and then plans that are known to all.
             is_last: Whether the plans of the start are their vehicles' last, shape
                 (n,).
-            distance: Least distance of two plans [m], scaled.
+            distance: Least distance that two plans must keep [m], scaled.
             links: Links between the vehicles.
             rule: Name of the rule.
             step_s: Step of the grid of the plans [s].

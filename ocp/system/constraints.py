@@ -363,8 +363,8 @@ def fixed_and_moving(
         known: Columns of symbols that bounds may depend on, by their names in messages.
 
     Raises:
-        InvalidProblemError: If a bound depends on other symbols, or their number is not
-            that of the bounded symbols.
+        InvalidProblemError: If a bound depends on symbols that are not `known`, or the
+            number of bounds is neither one nor the number of bounded symbols.
     """
     if limits is None:
         return (-np.inf, np.inf), []

@@ -174,7 +174,7 @@ def conflicts_of(equations: Equations) -> tuple[str, ...]:
 
     Returns:
         Sentences such as "the rate of x is in m/s^2, expected m/s: x is in m". A rate
-        may count the time in seconds, minutes, hours, days or years.
+        per minute, hour, day or year instead of per second is no conflict.
     """
     known = [read_unit(equations.units.get(name, "")) for name in equations.names]
     known += [read_unit("s")] * (equations.symbols.numel() - len(known))

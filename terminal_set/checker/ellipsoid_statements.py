@@ -57,12 +57,14 @@ ROUNDING = 1e-9  # relative; alpha may be a bound itself, computed in floats
 def change_of(
     certificate: Certificate, deadline: Deadline = NEVER, *, is_raised: bool = False
 ) -> Change:
-    """Return c(e) of the decrease, continuous or held.
+    """Return c(e) of the decrease, which must be negative (see the module).
+
+    It is that of a held input if the file has a hold time, else of a continuous one.
 
     Args:
         certificate: The statements of the file.
         deadline: Time at which every evaluation of the motion stops.
-        is_raised: Whether a bound of the margin's rounding is added, as proofs need it.
+        is_raised: Whether a bound of its rounding is added to Q_m; proofs need this.
     """
     P = exact(certificate.P)
     Q_m = reserve(certificate) if is_raised else exact(certificate.Q_m)

@@ -142,7 +142,7 @@ class Model:
 
     @property
     def sums(self) -> Array:
-        """Sums of |c_m| by degree, rounded up, shape (ORDER + 1, N)."""
+        """Sum of |c_m| over monomials of each degree, rounded up, (ORDER + 1, N)."""
         if self._sums is None:
             sizes = np.abs(self.coefficients)
             starts = [*self.algebra.starts, len(sizes)]

@@ -7,6 +7,8 @@ that the work prints goes to standard error. `content` is what the cell's mark, 
 `cell.json`, contains: the result and the machine, without data about the machine's
 owner. The process ends when its input ends, thus also when its parent process has
 ended.
+
+A cell is a piece of work that a few plain data determine, such as one run of a sweep.
 """
 
 from __future__ import annotations
@@ -118,7 +120,7 @@ def cell_content(
     again: bool = False,
     cpu_s: float | None = None,
 ) -> dict[str, Any]:
-    """Return the content of a cell's mark.
+    """Return the content of a cell's mark, the file `cell.json`.
 
     Args:
         order: "work", "job" and "label"; also "spent" if a limit ended an earlier

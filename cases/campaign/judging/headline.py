@@ -121,7 +121,9 @@ def _too_few(content: Content) -> str:
 
 
 def shown_against(content: Content, null: str) -> list[Shown]:
-    """Return the results of each solver against the null hypothesis.
+    """Return, for each other solver, the scenarios on which it differs from `null`.
+
+    Differences count only if tests show them; deterministic solvers need no test.
 
     Args:
         content: Content of a comparison, as from `content_of`.

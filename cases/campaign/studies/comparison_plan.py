@@ -116,7 +116,10 @@ def is_plan(document: Document) -> bool:
 
 
 def plan_in(document: Document) -> ComparePart:
-    """Return the content of a plan; paths in it are relative to the plan's folder.
+    """Return the content of a plan.
+
+    Paths of scenarios in the file are relative to its folder; in the content they begin
+    with this folder.
 
     Raises:
         InvalidScenarioError: If the file is not a valid plan.
@@ -135,7 +138,7 @@ def plan_in(document: Document) -> ComparePart:
 
 
 def _placed(source: str, folder: Path) -> str:
-    """Return a path of a plan relative to here; a scenario's name stays as it is."""
+    """Return a path with the plan's folder before it, or a scenario's name as it is."""
     # Of names only those of hard problems have one of these marks.
     looks_like_path = any(mark in source for mark in "./\\")
     is_path = looks_like_path and source not in hard_problems()

@@ -310,16 +310,16 @@ def compare(  # noqa: PLR0913 - the options of a command
     comparison. The same seeds give the same answers here and there.
 
     Args:
-        problems: Scenarios, (problem, x0) or (problem, x0, known): one, a list, or a
-            mapping from names.
+        problems: One problem, a list, or a mapping from names to problems. Each is a
+            scenario, a pair (problem, x0) or a triple (problem, x0, known).
         solvers: Names as for `swarmstart compare --solvers`, such as
             "lshade[size=60]+ipopt", "repeated-ipopt", "solve" or "scipy-de"; one text
-            can hold several with commas between. Or solvers of your own: a function
-            (problem, x0, budget, rng) -> controls, with `evaluate` and `known` if it
-            has parameters of these names; the settings of a search, or their class
-            (docs/own_solver.md). A mapping can name them. The others are compared with
-            the first solver.
-        seeds: Number of seeds: 0, 1, ...
+            can hold several with commas between. A solver of your own is a function
+            (problem, x0, budget, rng) -> controls, or the settings of a search, or the
+            class of such settings (docs/own_solver.md). A function with parameters
+            `evaluate` or `known` is given these, too. A mapping can name the solvers.
+            The others are compared with the first solver.
+        seeds: Number n of seeds, which are 0, ..., n - 1.
         budget: Budget of one planning problem: "4000evals", "5s" or a number of
             evaluations.
         repair: Whether an answer that breaks a constraint between the checks is solved

@@ -140,7 +140,7 @@ class Lowered:
 
     @property
     def time_row(self) -> int | None:
-        """Number of the core's signal that is linear in the time; None without one."""
+        """Row of tau, the scaled time, in the core's signals; None if it has none."""
         rows = [k.before.model.ns for k in self.links if isinstance(k.rewrite, Time)]
         return rows[0] if rows else None
 

@@ -102,7 +102,7 @@ class LinearControls(Rewrite):
     def along(
         self, problem: OptimalControlProblem, start: Array, controls: Array, at: Array
     ) -> Array:
-        """Return the controls at the times, and the knots before them."""
+        """Return rows: the controls at each time, then the last knots until then."""
         del problem
         knots, N = self.controls(start, controls), controls.shape[1]
         now = [np.interp(at, np.arange(N + 1), row) for row in knots]

@@ -15,7 +15,10 @@ from swarmstart.ocp.statement.risk import Epigraph, Risk, epigraph_symbols
 
 @dataclass(frozen=True, slots=True)
 class RiskCosts(Rewrite):
-    """A risk that is no sum over time -> a terminal cost, and its smooth form."""
+    """Rewrite of a risk that is no sum over time: it becomes a terminal cost.
+
+    For an NLP this cost also has a smooth form (`Epigraph`).
+    """
 
     role = "risk"
 

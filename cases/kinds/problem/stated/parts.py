@@ -164,10 +164,9 @@ class Soft(Part):
     """Weights of a soft constraint, which can be broken at a cost.
 
     Attributes:
-        weight: Cost per second of the largest excess in an interval; null means 0, and
-            one of the two weights is required.
-        quadratic: Cost per second of the square of the largest excess in an interval;
-            null means 0.
+        weight: Cost per second, and per unit of the largest excess in each interval;
+            null means 0, but one of the two weights is required.
+        quadratic: Cost per second, and per squared unit of this excess; null means 0.
     """
 
     weight: Quantity | None = None

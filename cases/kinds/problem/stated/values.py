@@ -112,10 +112,10 @@ class Table(Part):
     Attributes:
         times: Increasing times [s].
         values: Values, one at each time.
-        between: Values between two times: linear changes evenly, hold keeps the earlier
-            one. A signal that holds jumps in plans, too, if its times are those of
-            control intervals of a fixed length; else plans take it as linear from one
-            check to the next.
+        between: Values between two times: with linear they change evenly, with hold the
+            earlier value stays. With hold, a signal jumps in plans, too, if it jumps
+            only where control intervals of a fixed length begin; otherwise, and in
+            committed plans, it is linear from one check to the next.
     """
 
     times: list[Number] = Field(min_length=1, max_length=10_000)
@@ -429,7 +429,12 @@ def csv_names(
 def csv_columns(
     names: Sequence[str], body: Sequence[tuple[int, list[str]]]
 ) -> dict[str, Array]:
-    """Return the columns by name, of lines with one number for each name."""
+    """Return the columns of a CSV file by name.
+
+    Args:
+        names: Names of the columns.
+        body: Number of each line in the file, and its cells: a number for each name.
+    """
     numbers = np.array([[number_of(cell) for cell in row] for _, row in body], float)
     return dict(zip(names, numbers.reshape(-1, len(names)).T, strict=True))
 
