@@ -201,11 +201,11 @@ TEXT = """# Searches on CEC 2017 at small budgets
 Made by `python benchmarks/cec2017.py --write docs/measured/search_2017.md` (`pip
 install minionpy`), {seeds} seeds of each of the 29 functions, every search with its
 defaults. An error is the least value found within the budget minus the optimal value.
-The descent starts at the point with this value and is L-BFGS-B with at most 50
-iterations and gradients by differences; its evaluations are not counted. Ranks are
-among the searches of a table, 1 is best; differences of mean ranks below 0.6 are ties.
-"None is nearer" means that no other search has an error that is smaller by more than
-1e-4 of it.
+The descent starts at the best point found and is L-BFGS-B with at most 50 iterations
+and gradients by differences; its evaluations are not counted. Ranks are among the
+searches of a table, 1 is best; differences of mean ranks below 0.6 are ties. "None is
+nearer" counts the runs in which the error of the search exceeds the smallest error of
+all searches by at most 1e-4 of the latter.
 
 """
 

@@ -81,16 +81,16 @@ TEXT = f"""# Many initial states of one problem
 Made by `python benchmarks/initial_states.py --write docs/measured/initial_states.md`:
 `solve_many` on ten shipped problems, each from 200 random initial states. The peer is
 plain CasADi: direct multiple shooting with the same Runge-Kutta steps, expanded to
-scalar operations, and IPOPT with its defaults. IPOPT solves 40 of the initial states of
-each problem, from {STARTS} starts each: states held at the initial state, controls
-first in the middle of their bounds and then at random. Only answers that a finer
-integration confirms count, and the best of these is compared. "IPOPT solves" is the
-number of initial states with such an answer, "as good" the share of these at which
-`solve_many` has a confirmed answer that costs at most {SAME:g} more. "Ours" is the CPU
-time for one initial state, with all starts and the verification. "Cold" is the time of
-IPOPT from the first of its starts, "warm" that from the answer to the nearest other
-initial state with its multipliers. On four_discs all answers of IPOPT but one cut the
-discs between the checks.
+scalar operations, and IPOPT with its defaults. IPOPT is run at 40 of the initial states
+of each problem, from {STARTS} starts each: states held at the initial state, controls
+first in the middle of their bounds and then at random. An answer counts only if a finer
+integration confirms it; the best such answer is compared. "IPOPT solves" is the number
+of initial states with such an answer, "as good" the share of these at which
+`solve_many` has a confirmed answer whose cost exceeds IPOPT's by at most {SAME:g} of
+its absolute value. "Ours" is the CPU time for one initial state, with all starts and
+the verification. "Cold" is the time of IPOPT from the first of its starts, "warm" its
+time if it starts at the answer, with multipliers, to the nearest other initial state.
+On four_discs all answers of IPOPT but one cut the discs between the checks.
 
 """
 
