@@ -257,8 +257,8 @@ class RecedingHorizon:
             The horizon shrinks with a constant number of intervals. The run ends when
             the end time is at most one period, or when the remainder after a period
             would be shorter than allowed. None: one control interval.
-        until: Time at which the run ends [s], such as the end of a batch. All plans end
-            at this time, so that the horizon, which must be a number, shrinks.
+        until: Time at which the run ends [s], such as the end of a batch. No plan goes
+            beyond it: the horizon, which must be a number, is cut there.
             `planner` is then replaced by one that takes the length of each plan as an
             input. None: the horizon recedes for ever.
         previous: Control of the interval before the run, shape (nu,); None: the allowed
