@@ -106,7 +106,7 @@ def source(module: str) -> bytes:
 
 
 def _file_of(module: str) -> Path | None:
-    """Return the file of a module of this package; None if there is none.
+    """Return the file of a module of this package; None without one.
 
     It is found without importlib, which would import the packages above the module.
     """

@@ -142,7 +142,7 @@ def arguments_of(
 
     Args:
         lowered: The problem with its core, that is, the problem after all rewrites.
-        plan: The plan; None if there is none.
+        plan: The plan; None without one.
         trajectory: The run.
         step: Number of the step at which the plan was made.
         known: Parameters and signals of each plan.

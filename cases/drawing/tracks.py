@@ -55,7 +55,7 @@ class Scene:
         names: Names of the vehicles.
         numbers: Number of each vehicle's colour; None means from 0 on.
         discs: x, y and radius of each obstacle.
-        leader: Position of a virtual leader, shape (2, T); None if there is none.
+        leader: Position of a virtual leader, shape (2, T); None without one.
         slots: Wanted position of each vehicle at each time, shape (vehicles, 2, T),
             shown in animations only; None if not known.
         targets: Wanted positions at the end, shape (targets, 2); None if not known.

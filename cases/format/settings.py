@@ -366,7 +366,7 @@ class Scenario(Part):
         return 0
 
     def search_settings(self) -> SearchSettings | None:
-        """Return the search for a planner; None if there is none."""
+        """Return the search for a planner; None without one."""
         return None
 
     def polish_options(self) -> IpoptOptions | NlpOptions | None:

@@ -30,7 +30,7 @@ def bound_content(
     Args:
         bound: The bound.
         beside: Gap between the answer and the bound.
-        certificate: Name of the certificate's file; None if there is none.
+        certificate: Name of the certificate's file; None without one.
     """
     account = bound_account(bound, certificate=certificate)
     return {**_compared(beside), **account}
@@ -86,7 +86,7 @@ def _number(value: Any) -> float:
 
 
 def kept_bound(folder: Path, key: str) -> dict[str, Any] | None:
-    """Return the bound in the finished record of a run; None if there is none.
+    """Return the bound in the finished record of a run; None without one.
 
     A bound concerns the problem, so the bound of an earlier equal run still holds.
     """

@@ -50,7 +50,7 @@ class PosedController:
         starts: Random controls, given at knots, from which plans are solved if the last
             plan leads to no feasible one, shape (starts, nu, knots).
         append: Name of the rule for the controls that a shifted plan ends with.
-        terminal_set: The set in which the linear law acts; None: there is none.
+        terminal_set: The set in which the linear law acts; None without one.
         noise: Largest rise of the cost that counts as noise.
     """
 

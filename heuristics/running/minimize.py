@@ -305,7 +305,7 @@ class Running:
         return self._generation(progress, suggested)
 
     def ended(self, seconds: float) -> StopReason | None:
-        """Return the reason to stop after this wall time; None if there is none."""
+        """Return the reason to stop after this wall time; None without one."""
         budget = self.budget
         reached = FINISHED[self._search.finished(budget.limits())]
         return reached or _used_up(self._search, budget, seconds)
@@ -400,7 +400,7 @@ def values_of(
         Costs and violations; those of a tuple are returned unchecked.
 
     Raises:
-        InvalidEvaluationError: If `returned` is none of these.
+        InvalidEvaluationError: If `returned` is not one of these.
     """
     if isinstance(returned, tuple):
         if len(returned) == len(("cost", "violation")):

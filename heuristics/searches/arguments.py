@@ -63,7 +63,7 @@ def algorithm_of(
             budget is a time.
 
     Raises:
-        InvalidSettingsError: If `given` is none of these.
+        InvalidSettingsError: If `given` is not one of these.
 
     Example:
         >>> algorithm_of("cma") == algorithm_of(CMAES) == CMAES()

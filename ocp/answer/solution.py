@@ -179,7 +179,7 @@ class Solution(Presented):
     Attributes:
         status: Status of the answer.
         reason: Reason for the status, in sentences with numbers.
-        advice: Advice on what to change; empty if there is none.
+        advice: Advice on what to change; empty without one.
         problem: The problem.
         times: Times of the nodes, shape (nodes,) [s].
         states: States at the nodes, finely integrated, shape (nx, nodes).

@@ -81,7 +81,7 @@ class BoundInterrupted(Sendable, KeyboardInterrupt):
     """Ctrl-C while the lower bound of an answer was computed.
 
     Attributes:
-        partial: The best bound so far; None if there is none.
+        partial: The best bound so far; None without one.
     """
 
     def __init__(self, partial: LowerBound | None) -> None:
@@ -262,7 +262,7 @@ def bounded(
     work: float,
     progress: ProgressCallback = tell_nothing,
 ) -> LowerBound:
-    """Return a lower bound of the optimal cost; of kind NONE if there is none.
+    """Return a lower bound of the optimal cost; of kind NONE without one.
 
     Args:
         answer: An answer, or its cost as the problem states it, which makes the bound

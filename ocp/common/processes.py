@@ -83,7 +83,7 @@ class _Copy:
         return bool(select.select([self.pipe], [], [], 0)[0])
 
     def read(self) -> bytes:
-        """Wait for the result; nothing if there is none."""
+        """Wait for the result, if one is expected."""
         parts = []
         while part := os.read(self.pipe, _PART):
             parts.append(part)
@@ -183,7 +183,7 @@ class Ahead(Generic[T]):
             self._copies[number] = self._copied(self._calls[number])
 
     def _take(self, number: int) -> None:
-        """Receive the result of a copy; make the call here if there is none."""
+        """Receive the result of a copy; make the call here without one."""
         found = self._copies[number].read()
         self._copies.pop(number).end()
         try:

@@ -192,7 +192,7 @@ def chosen_backend(backend: str | None = None) -> str:
         backend: "llvm", "casadi", or "auto" or None, which read the environment.
 
     Raises:
-        InvalidProblemError: If it is none of these.
+        InvalidProblemError: If it is not one of these.
     """
     asked = backend or "auto"
     if asked == "auto":

@@ -242,7 +242,7 @@ class Ascent:
         """Return the function `needed` of a search that prunes; see `Search`.
 
         Args:
-            go: Step that bounds the cost from the point on; None if there is none.
+            go: Step that bounds the cost from the point on; None without one.
         """
 
         def needed(points: Array) -> Array:

@@ -106,7 +106,7 @@ def lower_bound(  # noqa: PLR0913 - everything but the problem has a default
             budget, "bounding").
 
     Returns:
-        The best bound that was proven; of kind NONE, with a reason, if there is none.
+        The best bound that was proven; one of kind NONE, with a reason, without one.
         After Ctrl-C the best bound so far is returned, as at the end of the time.
 
     Raises:
@@ -165,7 +165,7 @@ def _cost_of(
     answer: Answered | float | None,
     seed: int,
 ) -> float:
-    """Return the cost to compare with, as the problem states it; NaN if there is none.
+    """Return the cost to compare with, as the problem states it; NaN without one.
 
     The cost of an infeasible answer is not used: pruning by it would make no sense.
     """

@@ -26,7 +26,7 @@ class Packed(NamedTuple):
 
     Attributes:
         found: The answer, without its point.
-        point: Point of the answer, without the NLP; None if there is none.
+        point: Point of the answer, without the NLP; None without one.
         steps: Steps of the NLP.
     """
 

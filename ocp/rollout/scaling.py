@@ -614,7 +614,7 @@ def _key(states: Array, controls: Array, guess: Array | None) -> bytes:
 
 
 def _least(needed: Array) -> Array:
-    """Return the least of each column; 0 if there is none."""
+    """Return the least of each column; 0 without one."""
     least = needed.min(axis=0, initial=np.inf)
     return np.where(np.isfinite(least), least, 0.0)
 

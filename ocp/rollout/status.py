@@ -158,7 +158,7 @@ def advice_for(
     fast: FastMode | None,
     grown: Growth | None = None,
 ) -> str:
-    """Return advice on what to change for a status; empty if there is none.
+    """Return advice on what to change for a status; empty without one.
 
     Args:
         problem: The problem.

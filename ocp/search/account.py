@@ -314,7 +314,7 @@ class StartsAccount:
         return f"{self.won}{self._not_needed()}"
 
     def _not_needed(self) -> str:
-        """Return a note on work left out or without use; empty if there is none."""
+        """Return a note on work left out or without use; empty without one."""
         if self.agree:
             return " (the lanes agree, so that no search was made)"
         best = self.best_of(self.won)

@@ -378,7 +378,7 @@ class CommittedVehicles:
         """Write the first plan of a vehicle, clear of those before; return its path.
 
         Raises:
-            InvalidProblemError: If there is none; the vehicle is named.
+            InvalidProblemError: If it finds none; the message names the vehicle.
         """
         loop, others = self._loop(i), [(j, j) for j in before]
         for _ in range(TRIES):

@@ -320,7 +320,7 @@ def bearable_drift(
 
 
 def linear_decrease(change: Change) -> float:
-    """Return the least relative decrease of V near the centre; 0 if there is none.
+    """Return the least relative decrease of V near the centre; 0 without one.
 
     Returns:
         The decay in 1/s, or a fraction per hold if held; from floats, not proven.

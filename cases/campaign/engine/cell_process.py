@@ -174,7 +174,7 @@ class CellProcess:
         return said
 
     def _start(self) -> None:
-        """Start a process if there is none."""
+        """Start a process unless one runs."""
         with self._lock:
             if self._is_stopped:
                 raise StoppedError

@@ -379,7 +379,7 @@ def _refuse(text: str) -> float:
 
 
 def fault_of(content: Mapping[str, Any]) -> str:
-    """Return an error of a comparison with its place; empty if there is none.
+    """Return an error of a comparison with its place; empty without one.
 
     Args:
         content: Content of a comparison, as read from JSON.
@@ -433,7 +433,7 @@ def _is(value: object, kind: str) -> bool:
 
 
 def _miscounted(content: Mapping[str, Any]) -> str:
-    """Return an error of a list's length; empty if there is none."""
+    """Return an error of a list's length; empty without one."""
     if len(content["near"]) != 2:  # noqa: PLR2004
         return f"{len(content['near'])} distances in near instead of 2"
     seeds = len(content["seeds"])

@@ -256,7 +256,7 @@ def report_text(content: Content, *, times: bool = False) -> str:
 
 
 def _budget(content: Content) -> str:
-    """Return the budget in words, with a comma behind it; empty if there is none."""
+    """Return the budget in words, with a comma behind it; empty without one."""
     text = content["budget_text"].replace("evals", " evaluations").replace("|", " or ")
     has_plans = any(
         row["solver"] not in RULES

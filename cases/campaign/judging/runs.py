@@ -124,7 +124,7 @@ class About:
         variant: Variant of the scenario.
         of: "plan" or "flight"; empty means that the results decide.
         known_cost: Feasible cost that is known from elsewhere, with the sign of a cost
-            that is minimised; None if there is none.
+            that is minimised; None without one.
         known_from: Source of that cost, in words.
         bound: Lower bound with the keys "value", "kind" and "reason", and its effort.
             If "kind" is that of a bound, no cost is below "value". None if no bound was
@@ -265,7 +265,7 @@ def _tolerance(results: Sequence[Mapping[str, Any]]) -> float:
 
 
 def number(value: object) -> float:
-    """Return a number; NaN if there is none."""
+    """Return a number; NaN without one."""
     is_number = isinstance(value, int | float) and not isinstance(value, bool)
     return float(value) if is_number else math.nan  # type: ignore[arg-type]
 

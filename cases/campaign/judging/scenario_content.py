@@ -301,7 +301,7 @@ def _or_none(result: Mapping[str, Any], key: str) -> float | None:
 
 
 def _gaps(costs: Array, bests: Array) -> Array:
-    """Return relative distances from the best known; NaN if there is none."""
+    """Return relative distances from the best known; NaN without one."""
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         off = costs - bests
         # A best cost of 0 that is met: the distance is 0, not 0 / 0.

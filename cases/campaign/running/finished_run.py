@@ -57,7 +57,7 @@ class RunStatus(NamedTuple):
         more: Text after `found`; it is empty or begins with a comma or semicolon.
         all_found: Whether every plan is feasible.
         reason: Reason for the status of the one plan; empty for other runs.
-        advice: Advice on what to change; empty if there is none.
+        advice: Advice on what to change; empty without one.
         paragraphs: Paragraphs of the docs that explain a result with problems.
     """
 

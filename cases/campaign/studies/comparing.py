@@ -339,7 +339,7 @@ def earlier_best(contest: Contest, root: Path, sense: int = 1) -> Earlier | None
         sense: -1 if the problem is maximised.
 
     Returns:
-        The best answer; None if there is none.
+        The best answer; None without one.
     """
     wanted = _problem(contest.resolved.settings)
     marks = sorted(

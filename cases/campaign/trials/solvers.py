@@ -88,7 +88,7 @@ def budget_of(text: str) -> dict[str, float | int]:
         text: "4000evals" or "4000", "5s", "2m", "1h", or two of them with "|" between.
 
     Raises:
-        InvalidBudgetTextError: If the text is none of these.
+        InvalidBudgetTextError: If the text is not one of these.
     """
     budget: dict[str, float | int] = {}
     for part in text.split("|"):

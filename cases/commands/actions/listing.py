@@ -97,7 +97,7 @@ def listing(asked: Asked) -> dict[str, dict[str, Any]]:
     """Return the requested entries: topic -> name -> entry; measures by kind.
 
     Raises:
-        NothingListedError: If there is none.
+        NothingListedError: If nothing is listed.
     """
     topics = [asked.topic] if asked.topic else [*_MAKERS]
     if asked.kind is not None and not asked.topic:

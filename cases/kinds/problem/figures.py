@@ -6,7 +6,7 @@ member in each plan; one more figure shows the states of all members.
 """
 
 from collections.abc import Callable, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -45,7 +45,7 @@ from swarmstart.cases.kinds.problem.stated.symbols import (
 from swarmstart.cases.record.trajectory_arrays import held_controls
 from swarmstart.ocp import Known, OptimalControlProblem, Plan, Trajectory
 from swarmstart.ocp.loop import known_at
-from swarmstart.ocp.rollout import replay
+from swarmstart.ocp.rollout import core_known, replay
 from swarmstart.ocp.statement import lowered
 
 if TYPE_CHECKING:
@@ -70,57 +70,47 @@ def draw(
     trajectory: Trajectory,
 ) -> Figures:
     """Return all figures that apply to a run by name, in order."""
-    agents, every = flight.posed.agents, trajectory
+    posed, labels = flight.posed, _labels(scenario, trajectory)
+    shown = trajectory
     if scenario.uncertain is not None:  # The plant is one system.
-        (agent,) = agents
-        problem = planning_problem(scenario, flight.posed.members)
-        trajectory = of_one_member(trajectory, problem, agent.problem)
-        parameters = rows_over_time(known_parameters(scenario), constants_of(scenario))
-        agents = (
-            replace(
-                agent,
-                problem=problem,
-                parameters=None
-                if parameters is None
-                else lambda time: parameters(np.array([time]))[:, 0],
-            ),
-        )
-    posed = replace(flight.posed, agents=agents)
+        agent = _single(scenario, flight.posed)
+        (stated,) = flight.posed.agents
+        shown = of_one_member(trajectory, agent.problem, stated.problem)
+        posed = replace(posed, agents=(agent,))
+    figures = figures_of(
+        posed.planned,
+        shown,
+        labels=labels,
+        known=Planned(posed, shown).known,
+        title=scenario.title,
+        place=_place(scenario, labels),
+    )
+    if scenario.uncertain is None:
+        return figures
+    return [*figures, *member_figures(flight, trajectory, labels, posed.planned[0])]
+
+
+def _single(scenario: ProblemScenario, posed: ProblemPosed) -> PosedAgent:
+    """Return the agent of an uncertain problem with the problem of one member."""
+    (agent,) = posed.agents
+    parameters = rows_over_time(known_parameters(scenario), constants_of(scenario))
+    return replace(
+        agent,
+        problem=planning_problem(scenario, posed.members),
+        parameters=None
+        if parameters is None
+        else lambda time: parameters(np.array([time]))[:, 0],
+    )
+
+
+def _labels(scenario: ProblemScenario, trajectory: Trajectory) -> Labels:
+    """Return names, units, and times of phases for the figures."""
     vehicles = scenario.vehicles.members if scenario.vehicles else []
-
-    def known(step: int, number: int) -> Known:
-        agent, time = agents[number], float(trajectory.times[step])
-        found = posed.known_by(number, time, agent.seen(partial(_shown, step)))
-        return found._replace(previous=_held_before(step, agent))
-
-    def _held_before(step: int, agent: PosedAgent) -> Array | None:
-        """Return the controls of the interval before a step, if they count."""
-        if not (step and agent.problem.previous.numel()):
-            return agent.previous
-        times, held = held_controls(trajectory)
-        # TIMING_S: the step itself must not count as before it.
-        before = np.searchsorted(times, trajectory.times[step] - TIMING_S) - 1
-        return held[:, before]
-
-    def _shown(step: int, number: int) -> Array:
-        """Return the path of an agent's plan; a record keeps none of its states."""
-        agent, plan = agents[number], trajectory.decisions[step].plans[number]
-        states = plan.states
-        if not states.size:
-            # Its rows in the stacked states of all agents.
-            before = sum(other.problem.model.nx for other in agents[:number])
-            x0 = trajectory.states[before : before + agent.problem.model.nx, step]
-            given = _to_replay(
-                agent, float(trajectory.times[step]), partial(known, step, number)
-            )
-            states, _, _ = replay(agent.problem, plan.controls, x0, given)
-        return states[list(agent.shows)]
-
     whole = whole_scenario(scenario) if scenario.phases else scenario
     ends = [0, *interval_ends(scenario)]
     # A short run ends sooner.
     flown = [k for k in ends[1:-1] if k < trajectory.times.size]
-    labels = Labels(
+    return Labels(
         states=tuple(whole.states),
         controls=tuple(whole.controls),
         units={
@@ -137,17 +127,54 @@ def draw(
         vehicles=[vehicle.name for vehicle in vehicles] or ("",),
         maximize=scenario.maximize,
     )
-    figures = figures_of(
-        posed.planned,
-        trajectory,
-        labels=labels,
-        known=known,
-        title=scenario.title,
-        place=_place(scenario, labels),
-    )
-    if scenario.uncertain is None:
-        return figures
-    return [*figures, *member_figures(flight, every, labels, posed.planned[0])]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Planned:
+    """The known data of the plans of a run.
+
+    Attributes:
+        posed: The agents that plan.
+        trajectory: The run; a record of it keeps no states of plans.
+    """
+
+    posed: ProblemPosed
+    trajectory: Trajectory
+
+    def known(self, step: int, number: int) -> Known:
+        """Return what an agent knew when it planned at a step."""
+        agent, time = self.posed.agents[number], float(self.trajectory.times[step])
+        seen = agent.seen(partial(self._shown, step))
+        found = self.posed.known_by(number, time, seen)
+        return found._replace(previous=self._held_before(step, agent))
+
+    def _held_before(self, step: int, agent: PosedAgent) -> Array | None:
+        """Return the controls of the interval before a step, if they count."""
+        if not (step and agent.problem.previous.numel()):
+            return agent.previous
+        times, held = held_controls(self.trajectory)
+        # TIMING_S: the step itself must not count as before it.
+        before = np.searchsorted(times, self.trajectory.times[step] - TIMING_S) - 1
+        return held[:, before]
+
+    def _shown(self, step: int, number: int) -> Array:
+        """Return the positions of an agent along its plan, shape (shows, nodes)."""
+        agents, run = self.posed.agents, self.trajectory
+        agent, plan = agents[number], run.decisions[step].plans[number]
+        states = plan.states
+        if not states.size:
+            # Its rows in the stacked states of all agents.
+            before = sum(other.problem.model.nx for other in agents[:number])
+            x0 = run.states[before : before + agent.problem.model.nx, step]
+            given = _to_replay(
+                agent, float(run.times[step]), partial(self.known, step, number)
+            )
+            pair = lowered(agent.problem)
+            start = pair.start(x0, given.previous)
+            states, _, _ = replay(
+                agent.problem, plan.controls, start, core_known(pair, given)
+            )
+        return states[list(agent.shows)]
 
 
 def _place(scenario: ProblemScenario, labels: Labels) -> Place | None:

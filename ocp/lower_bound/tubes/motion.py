@@ -165,7 +165,7 @@ def _control_boxes(statement: Statement) -> Array:
 
 
 def rates_over(motion: Motion, cells: Cells) -> Array:
-    """Return upper bounds of d'f over cells and all u, infinite if there is none.
+    """Return upper bounds of d'f over cells and all u, infinite without one.
 
     Args:
         motion: The right-hand side f.

@@ -1,6 +1,7 @@
 """Tables that jump where intervals begin are held, in plans and in the simulation."""
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -9,10 +10,19 @@ import yaml
 from scipy.optimize import linprog
 
 from swarmstart.arrays import Array
+from swarmstart.cases.campaign.running.run import run
+from swarmstart.cases.kinds.problem.figures import Planned
 from swarmstart.cases.kinds.problem.measuring.flown_path import rows_before_jumps
 from swarmstart.cases.kinds.problem.pose import pose
+from swarmstart.cases.kinds.problem.stated.members import ProblemPosed
+from swarmstart.cases.record.record import Recording
+from swarmstart.cases.record.results import load
 from swarmstart.ocp import HeldSignals
-from swarmstart.tests.cases.kinds.problem.conftest import scenario_of, simulated
+from swarmstart.tests.cases.kinds.problem.conftest import (
+    scenario_of,
+    simulated,
+    stated,
+)
 
 NIGHT: dict[str, Any] = {
     "kind": "problem",
@@ -132,6 +142,19 @@ def test_each_step_is_the_one_that_was_planned(text: str) -> None:
             wind = [0.0, 0.0, 0.5, 0.5, -0.3, -0.3][k] if text == TEAM else 0.0
             after = path.states[i, k] + dt * (path.controls[i, k] + wind)
             assert path.states[i, k + 1] == pytest.approx(after, abs=1e-12)
+
+
+@pytest.mark.parametrize("text", [TEAM, TEAM.replace("0.1*u", "(1 + time)*u")])
+def test_plans_of_a_record_are_drawn_as_they_were_made(
+    text: str, tmp_path: Path
+) -> None:
+    made = run(stated(text), seed=0, recording=Recording(folder=tmp_path / "run"))
+    kept, posed = load(tmp_path / "run").trajectory, made.flight.posed
+    assert kept is not None and isinstance(posed, ProblemPosed)
+    assert not kept.decisions[1].plans[0].states.size  # A record keeps controls only.
+    seen = np.asarray(Planned(posed, kept).known(1, 1).signals)
+    shown = made.trajectory.decisions[1].plans[0].states[:1]
+    np.testing.assert_allclose(seen[-1:], shown, atol=1e-12)
 
 
 def test_values_at_the_end_of_an_interval_are_those_before_a_jump() -> None:
