@@ -164,11 +164,11 @@ def _reason_for_none(problem: OptimalControlProblem) -> str:
         return f"{model.nx} states, at most {MOST_STATES} are possible"
     lacks = {
         "the model jumps at the end of an interval": model.jumps,
+        "the model or the problem has signals": bool(problem.ns),
         "a control is delayed, or the problem has another feature": bool(
             effective(problem)
         ),
         "the model has algebraic equations": model.algebraic is not None,
-        "the model or the problem has signals": bool(problem.ns),
         "parameters are decided": bool(problem.decided),
         "the start is decided": bool(problem.start),
         "states are periodic": bool(problem.periodic),
