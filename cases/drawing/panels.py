@@ -88,6 +88,21 @@ class Labels:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class MovingBound:
+    """A bound that changes over time.
+
+    Attributes:
+        times: Instants, shape (n,) [s]; one at which it jumps occurs twice.
+        values: Values at these instants, shape (n,).
+        is_upper: Whether it bounds from above.
+    """
+
+    times: Array
+    values: Array
+    is_upper: bool
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Panel:
     """One quantity of all vehicles.
 
@@ -98,6 +113,7 @@ class Panel:
         values: Values of each vehicle, shape (vehicles, n).
         lower: Lower bounds, shape (vehicles,), -inf for no bound.
         upper: Upper bounds, shape (vehicles,), inf for no bound.
+        moving: Bounds that change over time.
         beneath: Times and values of each of the thin lines beneath the values.
         beneath_name: Name of the thin lines.
         rest: Words on how much of the time is shown; empty if all of it is.
@@ -108,6 +124,7 @@ class Panel:
     values: Array
     lower: Array
     upper: Array
+    moving: Sequence[MovingBound] = ()
     beneath: Sequence[tuple[Array, Array]] = ()
     beneath_name: str = "plans"
     rest: str = ""
@@ -127,6 +144,11 @@ class Panel:
             self,
             times=self.times[:instants],
             values=self.values[:, :count],
+            moving=[
+                replace(one, times=one.times[near], values=one.values[near])
+                for one in self.moving
+                if (near := one.times < end + _ROUNDING_S).any()
+            ],
             beneath=[
                 (times[near], values[near])
                 for times, values in self.beneath
@@ -322,6 +344,9 @@ def draw_bounds(axes: "Axes", panel: Panel) -> None:
     near, far = bounds_of(panel)
     for bound, own in near:
         axes.axhline(bound, color=own, ls=":", lw=1.4, label=BOUND)
+    moving = [(one, _near(panel, one)) for one in panel.moving]
+    for one, values in moving:
+        axes.plot(one.times, values, color=SHARED, ls=":", lw=1.4, label=BOUND)
     low, high = axes.get_ylim()
     margin, shared = _MARGIN * (high - low), (panel.lower[0], panel.upper[0])
     for bound, is_upper in zip(shared, (False, True), strict=True):
@@ -329,10 +354,28 @@ def draw_bounds(axes: "Axes", panel: Panel) -> None:
             end = max(high, bound + margin) if is_upper else min(low, bound - margin)
             axes.axhspan(*sorted((bound, end)), color="0.5", alpha=0.18, lw=0)
             low, high = min(low, end), max(high, end)
+    for one, values in moving:
+        end = high + margin if one.is_upper else low - margin
+        axes.fill_between(one.times, values, end, color="0.5", alpha=0.18, lw=0)
     axes.set_ylim(low, high)  # Without the margin that axhspan has asked for.
     if far:
         text = f"bounds beyond the axis: {', '.join(f'{b:g}' for b in far)}"
         axes.set_title(text, fontsize="x-small", loc="right", color="0.35")
+
+
+def _near(panel: Panel, bound: MovingBound) -> Array:
+    """Return the values of a moving bound; NaN for those that are not drawn."""
+    least, most = _reach(panel)
+    near = (least <= bound.values) & (bound.values <= most)
+    return np.where(near, bound.values, np.nan)
+
+
+def _reach(panel: Panel) -> tuple[float, float]:
+    """Return the values between which a bound is drawn."""
+    finite = panel.values[np.isfinite(panel.values)]
+    least, most = (finite.min(), finite.max()) if finite.size else (0.0, 0.0)
+    reach = FAR * (most - least) or np.inf  # A constant has no range to compare with.
+    return float(least - reach), float(most + reach)
 
 
 def bounds_of(panel: Panel) -> tuple[list[tuple[float, str]], list[float]]:
@@ -341,9 +384,7 @@ def bounds_of(panel: Panel) -> tuple[list[tuple[float, str]], list[float]]:
     A bound that all vehicles share is grey. If there are more vehicles than colours,
     the tightest and the widest bounds are returned, in grey too.
     """
-    finite = panel.values[np.isfinite(panel.values)]
-    least, most = (finite.min(), finite.max()) if finite.size else (0.0, 0.0)
-    reach = FAR * (most - least) or np.inf  # A constant has no range to compare with.
+    least, most = _reach(panel)
     pairs = np.stack([panel.lower, panel.upper], axis=1)
     if (pairs == pairs[0]).all() or len(pairs) > MOST_NAMED:
         ends = [*pairs.min(axis=0), *pairs.max(axis=0)]
@@ -355,7 +396,7 @@ def bounds_of(panel: Panel) -> tuple[list[tuple[float, str]], list[float]]:
             for bound in np.unique(pair)
         ]
     every = [(bound, own) for bound, own in every if np.isfinite(bound)]
-    near = [(b, own) for b, own in every if least - reach <= b <= most + reach]
+    near = [(b, own) for b, own in every if least <= b <= most]
     far = {b for b, _ in every} - {b for b, _ in near}
     return near, sorted(far)
 

@@ -50,7 +50,7 @@ from swarmstart.cases.drawing.plan_figures import (
 )
 from swarmstart.cases.drawing.planning import draw_planning
 from swarmstart.cases.drawing.sheet import MOST_IN_PART, Part, panels_part, sheet
-from swarmstart.cases.drawing.slack import Slack, slack_figure, slacks
+from swarmstart.cases.drawing.slack import Slack, moving_bounds, slack_figure, slacks
 from swarmstart.cases.drawing.tracks import Scene, draw_phase_plane
 from swarmstart.cases.drawing.vehicles import directions_of
 from swarmstart.cases.record.trajectory_arrays import held_controls
@@ -161,19 +161,31 @@ def _states(flown: Flown) -> list[Panel]:
     labels, trajectory = flown.labels, flown.trajectory
     (lower, upper), _ = stacked_limits(flown.problems)
     shown = len(labels.states) * len(labels.vehicles)
-    return panels_of(
+    panels = panels_of(
         labels.states,
         labels,
         trajectory.dense_times,
         trajectory.dense_states[:shown],  # Others are what phases remember.
         (lower[:shown], upper[:shown]),
     )
+    return _with_moving(panels, flown, "states")
+
+
+def _with_moving(panels: list[Panel], flown: Flown, role: str) -> list[Panel]:
+    """Return panels of states or controls with the bounds that change over time."""
+    every = [one for part in flown.parts() for one in moving_bounds(*part)]
+    bounds = [(row % len(panels), one) for own, row, one in every if own == role]
+    return [
+        replace(panel, moving=[one for row, one in bounds if row == number])
+        for number, panel in enumerate(panels)
+    ]
 
 
 def _controls(flown: Flown) -> list[Panel]:
     _, limits = stacked_limits(flown.problems)
     held = held_controls(flown.trajectory)
-    return panels_of(flown.labels.controls, flown.labels, *held, limits)
+    panels = panels_of(flown.labels.controls, flown.labels, *held, limits)
+    return _with_moving(panels, flown, "controls")
 
 
 def _outputs(trajectory: Trajectory, labels: Labels) -> list[Panel]:

@@ -12,6 +12,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
@@ -19,6 +20,7 @@ from swarmstart.arrays import Array
 from swarmstart.cases.drawing.drawing import COLOURS, name_lines, new_figure
 from swarmstart.cases.drawing.panels import (
     MOST_PANELS,
+    MovingBound,
     columns_of,
     grid_in,
     grid_size,
@@ -40,6 +42,7 @@ from swarmstart.ocp.rollout import (
     signals_between,
 )
 from swarmstart.ocp.statement import Lowered
+from swarmstart.ocp.system import MOVING
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -131,6 +134,44 @@ def slacks(
     return found
 
 
+def moving_bounds(
+    problem: OptimalControlProblem, trajectory: Trajectory, known: KnownAt
+) -> list[tuple[str, int, MovingBound]]:
+    """Return bounds that change over time, with "states" or "controls" and the row.
+
+    Args:
+        problem: The problem that is planned.
+        trajectory: States and controls of this problem's model.
+        known: Parameters and signals of each plan.
+    """
+    shooting = shooting_of(problem)
+    core = shooting.problem
+    roles = {f"{MOVING}{role}": role for role in ("states", "controls")}
+    moving = [c for c in core.stated if c.name in roles]
+    if not moving:
+        return []
+    times, arguments = _along(shooting.lowered, trajectory, known)
+    symbols, model = core.symbols(), shooting.stated.model
+    paths = {"states": (arguments[0], model.nx), "controls": (arguments[1], model.nu)}
+    found = []
+    for constraint in moving:
+        role, rows = roles[constraint.name], constraint.rows(constraint.expression)
+        values = ca.Function("rows", [*symbols.values()], [rows.values])(*arguments)
+        path, count = paths[role]
+        for i, upper in enumerate(rows.upper):
+            # A row is a state or a control less its bound, in which other states of the
+            # core may stand.
+            own = ca.which_depends(rows.values[i], symbols[role][:count])
+            for j in np.flatnonzero(own):
+                bound = MovingBound(
+                    times=times.ravel(),
+                    values=path[j] - values[i, :].full().ravel(),
+                    is_upper=bool(np.isfinite(upper)),
+                )
+                found.append((role, int(j), bound))
+    return found
+
+
 def arguments_of(
     lowered: Lowered,
     plan: Plan | None,
@@ -182,13 +223,16 @@ def _along(
         since = times[step] - trajectory.times[made]
         # The core's horizon has a fixed length; that of the answer may be decided.
         since = since * (core.length / lowered.end_time(start))
-        signals.append(signals_between(core, at_nodes(core, flat), since))
+        nodes = at_nodes(core, flat)
+        signals.append(signals_between(core, nodes, since))
         parameters.append(np.tile(p[:, None], (1, m + 1)))
-        at = step - base + np.arange(m + 1) / m
-        at[-1] = np.nextafter(at[-1], 0.0)  # Before what the end changes.
+        at, there = (step - first + np.arange(m + 1) / m for first in (base, made))
+        for one in (at, there):
+            one[-1] = np.nextafter(one[-1], 0.0)  # Before what the end changes.
         added = lowered.along(begin, controls[:, base : step + 1, -1], at)
         own = trajectory.dense_states[:, columns[step]]
-        states.append(np.vstack([own, added]) - lowered.origin[:, None])
+        whole = lowered.signalled(np.vstack([own, added]), nodes, there)
+        states.append(whole - lowered.origin[:, None])
     return times, (
         np.hstack(states),
         controls.reshape(len(controls), -1),

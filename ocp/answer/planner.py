@@ -426,6 +426,8 @@ class Planner(Called):
             states = guess.states
             if states is not None:
                 states = lowered.states(states, controls, start)
+                at = np.arange(states.shape[1]) / self.problem.checks
+                states = lowered.signalled(states, np.asarray(core.signals), at)
             own = None if guess.x0 is None else guess.x0 - lowered.origin
             guess = guess._replace(controls=controls, states=states, x0=own)
         elif guess is not None:

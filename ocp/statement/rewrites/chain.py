@@ -276,10 +276,25 @@ class Lowered:
 
         Returns:
             Shape (the core's nx - nx, n); decisions and accrued costs keep their
-            initial values.
+            initial values, and so do states that follow from signals (`signalled`).
         """
         rows = [link.along(x0, controls, at) for link in self.links]
         return np.vstack([np.empty((0, at.size)), *rows])
+
+    def signalled(self, states: Array, signals: Array, at: Array) -> Array:
+        """Return states of the core, with the values of those that follow from signals.
+
+        Args:
+            states: Shape (the core's nx, n); not changed.
+            signals: The core's signals at its nodes, shape (ns, nodes).
+            at: Times, in intervals since the first node, shape (n,).
+        """
+        found = states.copy()
+        for link in self.links:
+            rows = link.rewrite.signalled(link.before, signals, at)
+            if rows is not None:
+                found[link.places] = rows
+        return found
 
     def states(self, states: Array, controls: Array, x0: Array) -> Array:
         """Return the core's states at its nodes.

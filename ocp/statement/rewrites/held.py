@@ -131,6 +131,14 @@ class HeldSignals(Rewrite):
         del problem, x0, previous
         return np.zeros(len(self.names))
 
+    def signalled(
+        self, problem: OptimalControlProblem, signals: Array, at: Array
+    ) -> Array:
+        """Return the signals at the starts of intervals, less those at the start."""
+        rows = signals[self._rows(problem)]
+        begun = np.minimum(at.astype(int), problem.intervals)
+        return np.asarray(rows[:, begun * problem.checks] - rows[:, :1])
+
     def known(
         self,
         problem: OptimalControlProblem,

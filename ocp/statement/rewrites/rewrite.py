@@ -10,6 +10,7 @@ core.
     origin    the numbers that are subtracted from the states
     start     the initial values of its states
     along     the values of its states over the horizon
+    signalled the same, of states that follow from signals
     known     known parameters, signals and time -> those of the rewritten problem
     guess     controls as the problem states them -> those of the rewritten problem
     controls  controls of the rewritten problem -> those that the problem states
@@ -91,6 +92,22 @@ class Rewrite(Feature, ABC):
         """
         del problem, controls
         return np.repeat(start[:, None], at.size, axis=1)
+
+    def signalled(
+        self, problem: OptimalControlProblem, signals: Array, at: Array
+    ) -> Array | None:
+        """Return the appended states over the horizon, if they follow from signals.
+
+        Args:
+            problem: Problem before this rewrite.
+            signals: Signals at the nodes, shape (ns or more, nodes).
+            at: Times, in intervals since the start, shape (n,).
+
+        Returns:
+            Shape (k, n), as from `along`; None if they do not follow from signals.
+        """
+        del problem, signals, at
+        return None
 
     def known(
         self,

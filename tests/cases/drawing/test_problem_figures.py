@@ -27,6 +27,7 @@ from swarmstart.ocp import (
     Bounds,
     Decision,
     Free,
+    HeldSignals,
     Known,
     Model,
     OptimalControlProblem,
@@ -213,6 +214,34 @@ def test_slack_is_the_distance_to_the_limit_before_and_after_each_control_jump()
     assert wall.get_label() == "kept at the end"
     assert [tick.get_text() for tick in at_end.get_yticklabels()] == ["goal", "wall"]
     assert at_end.get_title() == "end conditions, at 2 s"
+
+
+def test_bounds_that_change_over_time_are_lines_beyond_which_it_is_grey() -> None:
+    most, fall = ca.SX.sym("most"), ca.SX.sym("fall")
+    rows = np.array([[1.0, 2.0, 1.5, 1.5, 1.5], [900.0, 0.5, 0.4, 0.3, 0.2]])
+    problem = posed(
+        signals=ca.vertcat(most, fall), features=[HeldSignals(["most"])],
+        bounds=Bounds(controls=(-2.0, [most]), states=([-np.inf, -3], [np.inf, fall])),
+    )  # fmt: skip
+    moved = flown(problem, HELD, [0, 0])
+    found = dict(figures_of(problem, moved, known=lambda *_: Known(signals=rows)))
+    sheet = found["a_sheet"]
+    over_time = next(axes for axes in sheet.axes if words(axes) == "speed")
+    (speed,) = [line for line in named(over_time, "bound") if many(line)]
+    at, values = np.asarray(speed.get_xdata()), np.asarray(speed.get_ydata())
+    near = np.isfinite(values)  # Bounds far from the values are left out.
+    assert not near.all()
+    expected = np.interp(at, np.linspace(0, 2, 5), rows[1])
+    np.testing.assert_allclose(values[near], expected[near], atol=1e-12)
+    (force,) = [line for line in named(panel(sheet, "force"), "bound") if many(line)]
+    at, values = np.asarray(force.get_xdata()), np.asarray(force.get_ydata())
+    np.testing.assert_allclose(values, np.repeat(rows[0, :-1], SUBSTEPS + 1))
+    assert bounds(panel(sheet, "place")) == []
+    assert len(panel(sheet, "force").collections) == 1
+
+
+def many(line: Line2D) -> bool:
+    return np.size(line.get_xdata()) > 2
 
 
 def test_an_end_condition_with_slack_is_kept_on_one_side_only() -> None:

@@ -11,13 +11,14 @@ from scipy.optimize import linprog
 
 from swarmstart.arrays import Array
 from swarmstart.cases.campaign.running.run import run
+from swarmstart.cases.drawing.slack import moving_bounds, slacks
 from swarmstart.cases.kinds.problem.figures import Planned
 from swarmstart.cases.kinds.problem.measuring.flown_path import rows_before_jumps
 from swarmstart.cases.kinds.problem.pose import pose
 from swarmstart.cases.kinds.problem.stated.members import ProblemPosed
 from swarmstart.cases.record.record import Recording
 from swarmstart.cases.record.results import load
-from swarmstart.ocp import HeldSignals
+from swarmstart.ocp import HeldSignals, Known
 from swarmstart.tests.cases.kinds.problem.conftest import (
     scenario_of,
     simulated,
@@ -155,6 +156,24 @@ def test_plans_of_a_record_are_drawn_as_they_were_made(
     seen = np.asarray(Planned(posed, kept).known(1, 1).signals)
     shown = made.trajectory.decisions[1].plans[0].states[:1]
     np.testing.assert_allclose(seen[-1:], shown, atol=1e-12)
+
+
+def test_distance_to_a_limit_is_that_to_the_value_that_is_held() -> None:
+    more = {"steps": 24, "plant": {"substeps": 4}, "feedback": "receding_horizon"}
+    made = run(stated(yaml.safe_dump(NIGHT | more)), seed=0)
+    posed, path = made.flight.posed, made.trajectory
+
+    def known(step: int) -> Known:
+        return posed.known_by(0, float(path.times[step]))
+
+    (row,) = slacks(posed.agents[0].problem, path, known)
+    ((_, _, bound),) = moving_bounds(posed.agents[0].problem, path, known)
+    hours = np.repeat(np.arange(24), 5)
+    low = np.where((hours >= 6) & (hours < 21), 20.0, 17.0)
+    np.testing.assert_array_equal(bound.values, low)
+    assert not bound.is_upper
+    room = np.interp(row.times, path.dense_times, path.dense_states[0])
+    np.testing.assert_allclose(row.values, room - low, atol=1e-9)
 
 
 def test_values_at_the_end_of_an_interval_are_those_before_a_jump() -> None:

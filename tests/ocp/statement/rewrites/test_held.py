@@ -25,6 +25,7 @@ from swarmstart.ocp import (
     Planner,
     Plant,
     RecedingHorizon,
+    Start,
     ensemble,
     phases,
     simulate,
@@ -221,6 +222,15 @@ def test_core_with_the_time_gives_back_what_is_known_of_the_stated_problem() -> 
     np.testing.assert_array_equal(back.signals, known.signals)
     np.testing.assert_array_equal(back.parameters, known.parameters)
     assert back.time == 2.0
+
+
+def test_guess_of_the_states_has_the_values_that_are_held() -> None:
+    planner = Planner(bought(checks=2), search=None, polish=IpoptOptions())
+    known = Known(signals=[[0.5, 9.0, 1.0, 9.0, 7.0]])
+    guess = Start(np.zeros((1, 2)), states=np.zeros((1, 5)))
+    _, _, posed = planner.posed([0.0], known, guess)
+    assert isinstance(posed, Start) and posed.states is not None
+    np.testing.assert_array_equal(posed.states[1], [0.0, 0.0, 0.5, 0.5, 6.5])
 
 
 def test_discrete_time_takes_the_values_at_the_nodes() -> None:
