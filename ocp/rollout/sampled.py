@@ -62,8 +62,8 @@ class SampledValue:
             raise InvalidProblemError(
                 "a path that is simulated from its start can have held controls as "
                 "decisions: expected a problem without an end time, parameters or a "
-                "start that are decided, linear controls, delays, previous controls "
-                "and states that jump"
+                "start that are decided, linear controls, delays, held signals, "
+                "previous controls and states that jump"
             )
 
     @cached_property
