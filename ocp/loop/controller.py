@@ -210,12 +210,12 @@ def of_given_length(problem: OptimalControlProblem) -> OptimalControlProblem:
     """Return a problem whose core has the length of a plan as its last state.
 
     Raises:
-        InvalidProblemError: If a control has a delay.
+        InvalidProblemError: If a control has a delay, or a signal is held.
     """
     if problem.features:
         raise InvalidProblemError(
-            "until changes the length of intervals, which a delay counts: "
-            "expected a problem without features"
+            "until changes the length of intervals, which delays and held signals "
+            "count: expected a problem without features"
         )
     return replace(problem, features=(Shrinking(),))
 

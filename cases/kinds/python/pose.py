@@ -16,11 +16,15 @@ from swarmstart.cases.kinds.python.scenario import (
     returned,
 )
 from swarmstart.ocp import Known, Model, OptimalControlProblem
+from swarmstart.ocp.common import symbol_names
 from swarmstart.ocp.loop import ReferenceSignals
+from swarmstart.ocp.statement import held_signals
 
 MOST_INTERVALS = 10_000
 """Largest number of intervals of a prediction, as in YAML."""
 _PAIR, _TRIPLE = 2, 3
+_ROUNDING = 1e-9
+"""Part of the horizon by which a time may be before the interval that it begins."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -94,8 +98,20 @@ def _reference(
     """Return signals at absolute times; the last value is held after the horizon."""
     if not len(signals):
         return None
-    times = problem.expected_times
-    return lambda at: np.stack([np.interp(at, times, row) for row in signals])
+    times, held = problem.expected_times, held_signals(problem)
+    begins = times[:: problem.checks]
+    names = symbol_names(problem.signals)
+
+    def values(name: str, row: Array, at: Array) -> Array:
+        if name not in held:
+            return np.interp(at, times, row)
+        # Multiples of the interval are rounded.
+        since = np.searchsorted(begins, at + _ROUNDING * times[-1], side="right")
+        return row[:: problem.checks][np.maximum(since - 1, 0)]
+
+    return lambda at: np.stack(
+        [values(name, row, at) for name, row in zip(names, signals, strict=True)]
+    )
 
 
 def _first_rows(

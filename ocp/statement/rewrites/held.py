@@ -42,14 +42,16 @@ class HeldSignals(Rewrite):
 
     The value at the start of an interval holds until the next interval, and the last
     value at the end of the horizon; values at checks within an interval are not used.
-    A model in discrete time takes the values at the nodes, as without this feature.
+    A model in discrete time takes the values at the nodes, as without this feature. If
+    the end time is free, all signals stretch with the horizon. A plan of
+    `RecedingHorizon(until=...)` has no feature.
 
     Attributes:
         names: Names of the signals.
 
     Raises:
-        InvalidProblemError: If `names` is no list of names; when a problem has this
-            feature, as in `require`.
+        InvalidProblemError: If `names` is no list of different names; when a problem has
+            this feature, as in `require`.
 
     Example:
         >>> import casadi as ca
@@ -81,6 +83,11 @@ class HeldSignals(Rewrite):
             raise InvalidProblemError(
                 "names of HeldSignals must be a list of names of signals, such as "
                 f"['price'], got {shortened(given)}"
+            )
+        if len(set(given)) < len(given):
+            raise InvalidProblemError(
+                "names of HeldSignals must be different, got "
+                f"{', '.join(map(repr, given))}"
             )
         object.__setattr__(self, "names", tuple(given))
 

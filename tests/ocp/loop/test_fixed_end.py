@@ -106,7 +106,10 @@ def test_a_changed_loop_keeps_its_planner() -> None:
     ("changes", "words"),
     [
         ({"horizon": ss.Free(0.5, 3.0)}, "got a free end time"),
-        ({"features": [ss.TransportDelay({"u": 0.5})]}, "which a delay counts"),
+        (
+            {"features": [ss.TransportDelay({"u": 0.5})]},
+            "which delays and held signals count",
+        ),
         ({"model": ss.Model(states=X, controls=U, next_state=X + U)}, "in discrete"),
     ],
 )

@@ -104,6 +104,32 @@ def test_what_is_known_reaches_plans_and_plant(project: Project) -> None:
     assert measures["constraint_excess"] == 0.0
 
 
+HELD = """\
+import casadi as ca
+import swarmstart as ss
+
+
+def build():
+    x, u, price = ca.SX.sym("x"), ca.SX.sym("u"), ca.SX.sym("price")
+    problem = ss.OptimalControlProblem(
+        ss.Model(states=x, controls=u, ode=u + 0 * price, signals=price), horizon=2.0,
+        intervals=2, checks=2, stage_cost=price * u + u**2, terminal=[(x, 1)],
+        bounds=ss.Bounds(controls=(-2, 2)), features=[ss.HeldSignals(["price"])],
+    )
+    return problem, [0], ss.Known(signals=[[0, 5, 1, 5, 7]])
+"""
+
+
+def test_signals_that_plans_hold_are_held_in_the_simulated_system(
+    project: Project,
+) -> None:
+    project.model.write_text(HELD)
+    made = run(allowed(project.resolved("arguments={}", "measures={}")), seed=0)
+    # min sum(p_k u_k + u_k^2) with u_0 + u_1 = 1 is 0.875; see test_held.py.
+    assert made.measures["flown_cost"] == pytest.approx(0.875, rel=1e-6)
+    assert "another" not in made.status
+
+
 @pytest.mark.parametrize(
     ("returns", "said"),
     [

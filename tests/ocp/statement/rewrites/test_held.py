@@ -246,6 +246,7 @@ def test_discrete_time_takes_the_values_at_the_nodes() -> None:
         ([1.0], "names of HeldSignals must be a list of names"),
         (None, "names of HeldSignals must be a list of names"),
         (["prise"], "some of price, got prise"),
+        (["price", "price"], "must be different, got 'price', 'price'"),
     ],
 )
 def test_names_of_no_signals_are_refused(names: Any, words: str) -> None:
