@@ -107,7 +107,7 @@ def _reference(
             return np.interp(at, times, row)
         # Multiples of the interval are rounded.
         since = np.searchsorted(begins, at + _ROUNDING * times[-1], side="right")
-        return row[:: problem.checks][np.maximum(since - 1, 0)]
+        return np.asarray(row[:: problem.checks][np.maximum(since - 1, 0)])
 
     return lambda at: np.stack(
         [values(name, row, at) for name, row in zip(names, signals, strict=True)]

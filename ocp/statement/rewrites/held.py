@@ -50,8 +50,8 @@ class HeldSignals(Rewrite):
         names: Names of the signals.
 
     Raises:
-        InvalidProblemError: If `names` is no list of different names; when a problem has
-            this feature, as in `require`.
+        InvalidProblemError: If `names` is no list of different names; when a problem
+            has this feature, as in `require`.
 
     Example:
         >>> import casadi as ca

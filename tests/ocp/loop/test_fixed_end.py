@@ -108,7 +108,7 @@ def test_a_changed_loop_keeps_its_planner() -> None:
         ({"horizon": ss.Free(0.5, 3.0)}, "got a free end time"),
         (
             {"features": [ss.TransportDelay({"u": 0.5})]},
-            "which delays and held signals count",
+            "delays and held signals",
         ),
         ({"model": ss.Model(states=X, controls=U, next_state=X + U)}, "in discrete"),
     ],

@@ -124,7 +124,9 @@ def test_signals_that_plans_hold_are_held_in_the_simulated_system(
     project: Project,
 ) -> None:
     project.model.write_text(HELD)
-    made = run(allowed(project.resolved("arguments={}", "measures={}")), seed=0)
+    made = run(
+        allowed(project.resolved("arguments={}", "measures={}", "steps=2")), seed=0
+    )
     # min sum(p_k u_k + u_k^2) with u_0 + u_1 = 1 is 0.875; see test_held.py.
     assert made.measures["flown_cost"] == pytest.approx(0.875, rel=1e-6)
     assert "another" not in made.status
