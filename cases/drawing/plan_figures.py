@@ -33,6 +33,7 @@ from swarmstart.ocp import (
     SearchReport,
     Trajectory,
 )
+from swarmstart.ocp.loop import ReferenceSignals
 from swarmstart.ocp.rollout import NOTHING, shooting_of
 
 if TYPE_CHECKING:
@@ -77,12 +78,19 @@ class Flown:
         labels: The words on the axes.
         known: Function from the number of a step, and of a problem, to the parameters
             and signals of the plan.
+        true: First signals of each problem over time, in the simulated system; empty or
+            None: those of the plans.
     """
 
     problems: tuple[OptimalControlProblem, ...]
     trajectory: Trajectory
     labels: Labels
     known: KnownOf
+    true: Sequence[ReferenceSignals | None] = ()
+
+    def signals_of(self, number: int) -> ReferenceSignals | None:
+        """Return the true signals of a problem; None if the plans' ones count."""
+        return self.true[number] if self.true else None
 
     def parts(self) -> Iterator[tuple[OptimalControlProblem, Trajectory, KnownAt]]:
         """Yield each problem with its own part of the run.

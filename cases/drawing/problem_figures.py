@@ -55,6 +55,7 @@ from swarmstart.cases.drawing.tracks import Scene, draw_phase_plane
 from swarmstart.cases.drawing.vehicles import directions_of
 from swarmstart.cases.record.trajectory_arrays import held_controls
 from swarmstart.ocp import OptimalControlProblem, Solution, Trajectory
+from swarmstart.ocp.loop import ReferenceSignals
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure, FigureBase
@@ -76,12 +77,13 @@ class Place:
     discs: Sequence[tuple[float, float, float]] = ()
 
 
-def figures_of(
+def figures_of(  # noqa: PLR0913 - a run, what is known of it, and words
     problem: OptimalControlProblem | Sequence[OptimalControlProblem],
     trajectory: Trajectory,
     *,
     labels: Labels | None = None,
     known: KnownOf = nothing_known,
+    true: Sequence[ReferenceSignals | None] = (),
     title: str = "",
     place: Place | None = None,
 ) -> "Iterator[tuple[str, Figure]]":
@@ -94,6 +96,8 @@ def figures_of(
         labels: Words on the axes; None means names and units of the (first) model.
         known: Function from the number of a step, and of a problem, to parameters and
             signals of the plan made there; by default there are none.
+        true: First signals of each problem over time, in the simulated system; empty or
+            None: those of the plans.
         title: Title of the sheet.
         place: States that are a position; None if there are none.
 
@@ -109,6 +113,7 @@ def figures_of(
         trajectory=trajectory,
         labels=labels or labels_of(problems[0], vehicles=vehicles),
         known=known,
+        true=true,
     )
     return _figures(flown, title, place)
 
@@ -173,7 +178,11 @@ def _states(flown: Flown) -> list[Panel]:
 
 def _with_moving(panels: list[Panel], flown: Flown, role: str) -> list[Panel]:
     """Return panels of states or controls with the bounds that change over time."""
-    every = [one for part in flown.parts() for one in moving_bounds(*part)]
+    every = [
+        one
+        for number, part in enumerate(flown.parts())
+        for one in moving_bounds(*part, flown.signals_of(number))
+    ]
     bounds = [(row % len(panels), one) for own, row, one in every if own == role]
     return [
         replace(panel, moving=[one for row, one in bounds if row == number])
@@ -313,7 +322,7 @@ def _slack_rows(flown: Flown) -> list[Slack]:
             steps,
         )
         for number, part in enumerate(flown.parts())
-        for row in slacks(*part)
+        for row in slacks(*part, flown.signals_of(number))
     ]
 
 

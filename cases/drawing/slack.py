@@ -32,6 +32,7 @@ from swarmstart.cases.record.trajectory_arrays import (
     new_plans,
 )
 from swarmstart.ocp import Constraint, Known, OptimalControlProblem, Plan, Trajectory
+from swarmstart.ocp.loop import ReferenceSignals, until_jumps
 from swarmstart.ocp.rollout import (
     Arguments,
     ConstraintRows,
@@ -89,7 +90,10 @@ class Slack:
 
 
 def slacks(
-    problem: OptimalControlProblem, trajectory: Trajectory, known: KnownAt
+    problem: OptimalControlProblem,
+    trajectory: Trajectory,
+    known: KnownAt,
+    true: ReferenceSignals | None = None,
 ) -> list[Slack]:
     """Return the rows of all path constraints, then of all terminal constraints.
 
@@ -97,13 +101,14 @@ def slacks(
         problem: The problem that is planned.
         trajectory: States and controls of this problem's model.
         known: Parameters and signals of each plan.
+        true: First signals over time, in the simulated system; None: those of plans.
     """
     shooting = shooting_of(problem)
     lowered, problem = shooting.lowered, shooting.problem
     stated, ends = problem.stated, problem.terminal_constraints
     if not (stated or ends):
         return []
-    times, arguments = _along(lowered, trajectory, known)
+    times, arguments = _along(lowered, trajectory, known, true)
     plan = trajectory.decisions[0].plans[0] if trajectory.decisions else None
     begin = arguments_of(lowered, plan, trajectory, 0, known)
     sizes = Arguments(shooting).sizes(*begin)
@@ -135,7 +140,10 @@ def slacks(
 
 
 def moving_bounds(
-    problem: OptimalControlProblem, trajectory: Trajectory, known: KnownAt
+    problem: OptimalControlProblem,
+    trajectory: Trajectory,
+    known: KnownAt,
+    true: ReferenceSignals | None = None,
 ) -> list[tuple[str, int, MovingBound]]:
     """Return bounds that change over time, with "states" or "controls" and the row.
 
@@ -143,6 +151,7 @@ def moving_bounds(
         problem: The problem that is planned.
         trajectory: States and controls of this problem's model.
         known: Parameters and signals of each plan.
+        true: First signals over time, in the simulated system; None: those of plans.
     """
     shooting = shooting_of(problem)
     core = shooting.problem
@@ -150,7 +159,7 @@ def moving_bounds(
     moving = [c for c in core.stated if c.name in roles]
     if not moving:
         return []
-    times, arguments = _along(shooting.lowered, trajectory, known)
+    times, arguments = _along(shooting.lowered, trajectory, known, true)
     symbols, model = core.symbols(), shooting.stated.model
     paths = {"states": (arguments[0], model.nx), "controls": (arguments[1], model.nu)}
     found = []
@@ -201,7 +210,10 @@ def _is_recorded(plan: Plan | None) -> bool:
 
 
 def _along(
-    lowered: Lowered, trajectory: Trajectory, known: KnownAt
+    lowered: Lowered,
+    trajectory: Trajectory,
+    known: KnownAt,
+    true: ReferenceSignals | None,
 ) -> tuple[Array, tuple[Array, Array, Array, Array]]:
     """Return times, and states, controls, parameters and signals of the core there."""
     core, linear = lowered.core, control_rows(trajectory)
@@ -224,7 +236,8 @@ def _along(
         # The core's horizon has a fixed length; that of the answer may be decided.
         since = since * (core.length / lowered.end_time(start))
         nodes = at_nodes(core, flat)
-        signals.append(signals_between(core, nodes, since))
+        rows = signals_between(core, nodes, since)
+        signals.append(_with_true(lowered, rows, true, times[step]))
         parameters.append(np.tile(p[:, None], (1, m + 1)))
         at, there = (step - first + np.arange(m + 1) / m for first in (base, made))
         for one in (at, there):
@@ -239,6 +252,27 @@ def _along(
         np.hstack(parameters),
         np.hstack(signals),
     )
+
+
+def _with_true(
+    lowered: Lowered, rows: Array, true: ReferenceSignals | None, times: Array
+) -> Array:
+    """Return signals of the core over an interval, the first ones as they really are.
+
+    Args:
+        lowered: The problem with its core.
+        rows: Signals of the plan, shape (ns, m + 1).
+        true: First signals over time; None: those of the plan.
+        times: Times of the columns, shape (m + 1,) [s].
+    """
+    if true is None:
+        return rows
+    values = np.array(true(times))  # A copy, since a user's array may be read-only.
+    values[:, -1:] = until_jumps(true, times[-2:-1], times[-1:])
+    own = [row for row in range(len(rows)) if row != lowered.time_row]
+    found = rows.copy()
+    found[own[: len(values)]] = values
+    return found
 
 
 def _held(trajectory: Trajectory, m: int) -> Array:

@@ -82,6 +82,7 @@ def draw(
         shown,
         labels=labels,
         known=Planned(posed, shown).known,
+        true=[agent.reference for agent in posed.agents],
         title=scenario.title,
         place=_place(scenario, labels),
     )
@@ -277,4 +278,10 @@ def draw_from_python(
     def known(step: int, number: int) -> Known:
         return posed.known_by(number, float(trajectory.times[step]))
 
-    return figures_of(posed.planned, trajectory, known=known, title=scenario.title)
+    return figures_of(
+        posed.planned,
+        trajectory,
+        known=known,
+        true=[agent.reference for agent in posed.agents],
+        title=scenario.title,
+    )

@@ -1,6 +1,7 @@
 """Tables that jump where intervals begin are held, in plans and in the simulation."""
 
 from collections.abc import Sequence
+from inspect import unwrap
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ from scipy.optimize import linprog
 from swarmstart.arrays import Array
 from swarmstart.cases.campaign.running.run import run
 from swarmstart.cases.drawing.slack import moving_bounds, slacks
-from swarmstart.cases.kinds.problem.figures import Planned
+from swarmstart.cases.kinds.problem.figures import Planned, draw
 from swarmstart.cases.kinds.problem.measuring.flown_path import rows_before_jumps
 from swarmstart.cases.kinds.problem.pose import pose
 from swarmstart.cases.kinds.problem.stated.members import ProblemPosed
@@ -174,6 +175,18 @@ def test_distance_to_a_limit_is_that_to_the_value_that_is_held() -> None:
     assert not bound.is_upper
     room = np.interp(row.times, path.dense_times, path.dense_states[0])
     np.testing.assert_allclose(row.values, room - low, atol=1e-9)
+
+
+def test_distance_to_a_limit_is_that_to_its_true_value_if_plans_take_a_ramp() -> None:
+    off = {"times": [0, "6.5*hour", "21*hour"], "values": [17, 20, 17]}
+    low = NIGHT["signals"] | {"lowest": off | {"between": "hold"}}
+    made = run(stated(yaml.safe_dump(NIGHT | {"signals": low})), seed=0)
+    figures = unwrap(draw)(made.resolved.scenario, made.flight, made.trajectory)
+    (axes,) = dict(figures)["d_slack"].axes
+    least = min(float(np.min(line.get_ydata())) for line in axes.lines)
+    excess = made.measures["constraint_excess"]
+    assert isinstance(excess, float) and excess > 0.1
+    assert least == pytest.approx(-excess, abs=1e-9)
 
 
 def test_values_at_the_end_of_an_interval_are_those_before_a_jump() -> None:
