@@ -29,6 +29,7 @@ from swarmstart.cases.drawing.drawing import (
 )
 from swarmstart.cases.drawing.panels import (
     Labels,
+    MovingBound,
     Panel,
     panels_figure,
     panels_of,
@@ -123,8 +124,14 @@ def _figures(
 ) -> "Iterator[tuple[str, Figure]]":
     """Yield the figures that apply, with their names."""
     paths = plan_paths(flown) if flown.fresh.size > 1 else []
-    whole = with_plans(_states(flown), paths)
-    states, controls = without_tails(whole, _controls(flown))
+    moving = [
+        one
+        for number, part in enumerate(flown.parts())
+        for one in moving_bounds(*part, flown.signals_of(number))
+    ]
+    whole = with_plans(_with_moving(_states(flown), moving, "states"), paths)
+    held = _with_moving(_controls(flown), moving, "controls")
+    states, controls = without_tails(whole, held)
     parts = [panels_part("States", states, flown.labels)]
     if controls:
         name = "Controls"
@@ -166,24 +173,20 @@ def _states(flown: Flown) -> list[Panel]:
     labels, trajectory = flown.labels, flown.trajectory
     (lower, upper), _ = stacked_limits(flown.problems)
     shown = len(labels.states) * len(labels.vehicles)
-    panels = panels_of(
+    return panels_of(
         labels.states,
         labels,
         trajectory.dense_times,
         trajectory.dense_states[:shown],  # Others are what phases remember.
         (lower[:shown], upper[:shown]),
     )
-    return _with_moving(panels, flown, "states")
 
 
-def _with_moving(panels: list[Panel], flown: Flown, role: str) -> list[Panel]:
+def _with_moving(
+    panels: list[Panel], moving: Sequence[tuple[str, int, MovingBound]], role: str
+) -> list[Panel]:
     """Return panels of states or controls with the bounds that change over time."""
-    every = [
-        one
-        for number, part in enumerate(flown.parts())
-        for one in moving_bounds(*part, flown.signals_of(number))
-    ]
-    bounds = [(row % len(panels), one) for own, row, one in every if own == role]
+    bounds = [(row % len(panels), one) for own, row, one in moving if own == role]
     return [
         replace(panel, moving=[one for row, one in bounds if row == number])
         for number, panel in enumerate(panels)
@@ -193,8 +196,7 @@ def _with_moving(panels: list[Panel], flown: Flown, role: str) -> list[Panel]:
 def _controls(flown: Flown) -> list[Panel]:
     _, limits = stacked_limits(flown.problems)
     held = held_controls(flown.trajectory)
-    panels = panels_of(flown.labels.controls, flown.labels, *held, limits)
-    return _with_moving(panels, flown, "controls")
+    return panels_of(flown.labels.controls, flown.labels, *held, limits)
 
 
 def _outputs(trajectory: Trajectory, labels: Labels) -> list[Panel]:

@@ -32,7 +32,7 @@ from swarmstart.cases.record.trajectory_arrays import (
     new_plans,
 )
 from swarmstart.ocp import Constraint, Known, OptimalControlProblem, Plan, Trajectory
-from swarmstart.ocp.loop import ReferenceSignals, until_jumps
+from swarmstart.ocp.loop import ReferenceSignals, rows_before_jumps
 from swarmstart.ocp.rollout import (
     Arguments,
     ConstraintRows,
@@ -267,8 +267,7 @@ def _with_true(
     """
     if true is None:
         return rows
-    values = np.array(true(times))  # A copy, since a user's array may be read-only.
-    values[:, -1:] = until_jumps(true, times[-2:-1], times[-1:])
+    values = rows_before_jumps(true, times[None])
     own = [row for row in range(len(rows)) if row != lowered.time_row]
     found = rows.copy()
     found[own[: len(values)]] = values

@@ -32,7 +32,7 @@ from swarmstart.ocp import (
 )
 from swarmstart.ocp.integration import verifying_integrator
 from swarmstart.ocp.loop import SimulatedPlant
-from swarmstart.ocp.rollout import replay
+from swarmstart.ocp.rollout import replayed
 
 P = TypeVar("P", bound=Posed)
 _Planning = Callable[[PosedAgent], Planner]
@@ -113,7 +113,7 @@ def first_problem(posed: Posed) -> PlanningProblem:
         known = agent.known(0.0, tuple(shown[j] for j in agent.watches))
         if agent.given is None:
             break
-        states, _, _ = replay(agent.problem, agent.given, x0, known)
+        states = replayed(agent.problem, agent.given, x0, known)
         shown[number] = states[list(agent.shows)]
     return PlanningProblem(
         problem=agent.problem,

@@ -9,7 +9,7 @@ from swarmstart.ocp.loop.controller import (
     known_at,
     of_given_length,
 )
-from swarmstart.ocp.loop.plant import begun, stepped, until_jumps
+from swarmstart.ocp.loop.plant import begun, rows_before_jumps, stepped
 from swarmstart.ocp.loop.simulated_plant import SimulatedPlant
 
 __all__ = [
@@ -19,6 +19,6 @@ __all__ = [
     "flown_again",
     "known_at",
     "of_given_length",
+    "rows_before_jumps",
     "stepped",
-    "until_jumps",
 ]

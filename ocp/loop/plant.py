@@ -63,8 +63,10 @@ _STEP = {
 }
 
 
-def until_jumps(rows: Callable[[Array], Array], begins: Array, ends: Array) -> Array:
-    """Return functions of time at the ends of steps, shape (rows, n).
+def at_both_ends(
+    rows: Callable[[Array], Array], begins: Array, ends: Array
+) -> tuple[Array, Array]:
+    """Return functions of time where steps begin and end, each of shape (rows, n).
 
     If a function jumps at an end, it is its value just before, which it had until then.
 
@@ -73,9 +75,33 @@ def until_jumps(rows: Callable[[Array], Array], begins: Array, ends: Array) -> A
         begins: Times at which the steps begin, shape (n,) [s].
         ends: Times at which they end, shape (n,) [s].
     """
-    at, before = rows(ends), rows(ends - _LAST_PART * (ends - begins))
-    jumps = np.abs(at - before) > np.abs(at - rows(begins)) / 2
-    return np.where(jumps, before, at)
+    just_before = ends - _LAST_PART * (ends - begins)
+    times = np.stack([begins, just_before, ends], axis=1)
+    values = rows(times.ravel())  # One call, since it may be slow.
+    first, before, at = np.moveaxis(values.reshape(len(values), -1, 3), 2, 0)
+    jumps = np.abs(at - before) > np.abs(at - first) / 2
+    return first, np.where(jumps, before, at)
+
+
+def rows_before_jumps(rows: Callable[[Array], Array], times: Array) -> Array:
+    """Return functions of time along control intervals, shape (rows, T * (m + 1)).
+
+    Like a control, a value that jumps at the end of an interval has its earlier value
+    there; the next interval begins with the later one.
+
+    Args:
+        rows: Times, shape (n,) [s] -> values, shape (n,) or (rows, n).
+        times: Times along T intervals, shape (T, m + 1) [s]; if the end of an interval
+            changes the state, the last time stands twice.
+    """
+
+    def values(at: Array) -> Array:
+        return np.atleast_2d(rows(at))
+
+    found = values(times.reshape(-1)).reshape(-1, *times.shape).copy()
+    last = int(np.searchsorted(times[0], times[0, -1]))  # Before the state's jump.
+    found[:, :, last] = at_both_ends(values, times[:, last - 1], times[:, last])[1]
+    return found.reshape(len(found), -1)
 
 
 @checked(
@@ -279,7 +305,7 @@ class Plant(Called):
         arguments = [self.parameters(begins)]
         if self.model.varying.numel():
             ends = np.append(begins[1:], time + self.dt)
-            both = [self.varying(begins), until_jumps(self.varying, begins, ends)]
+            both = at_both_ends(self.varying, begins, ends)
             # Both ends of each step, side by side.
             known = np.stack(both, axis=2).reshape(len(both[0]), -1)
             if self.model.time.numel():

@@ -16,7 +16,7 @@ from swarmstart.ocp.rollout.fitness import (
     at_nodes,
     core_known,
     from_near_start,
-    replay,
+    replayed,
     shared_arguments,
 )
 from swarmstart.ocp.rollout.path import (
@@ -39,7 +39,7 @@ __all__ = [
     "at_nodes",
     "core_known",
     "from_near_start",
-    "replay",
+    "replayed",
     "shared_arguments",
     "shooting_of",
     "signals_between",

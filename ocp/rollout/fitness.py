@@ -616,3 +616,23 @@ def flatten(sequence: Array) -> Array:
 def unflatten(vector: Array, rows: int) -> Array:
     """Return the array (rows, columns) that `flatten` made into a vector; a copy."""
     return np.array(vector, dtype=np.float64).reshape((rows, -1), order="F")
+
+
+def replayed(
+    stated: OptimalControlProblem, controls: Array, x0: ArrayLike, known: Known
+) -> Array:
+    """Return the states of the core of a stated problem at its nodes, (nx, nodes).
+
+    The states of the stated problem come first.
+
+    Args:
+        stated: The problem as the user stated it.
+        controls: Controls of the core, shape (nu, N).
+        x0: Initial state of the stated problem.
+        known: Known data of the stated problem.
+    """
+    shooting = shooting_of(stated)
+    start = shooting.lowered.start(x0, known.previous)
+    core = core_known(shooting.lowered, known)
+    states, _, _ = replay(shooting, controls, start, core)
+    return states

@@ -10,7 +10,7 @@ import functools
 import json
 import shlex
 import statistics
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -359,16 +359,20 @@ def _known(
     stated = plan.known.get(contest.name)
     if stated is not None:
         found.append(Known(float(sense * stated)))
-    if contest.of == "flight":
-        return min(found, key=lambda one: one.cost, default=None)
+    if contest.of != "flight":
+        found += _of_plans(contest, sense)
+    return min(found, key=lambda one: one.cost, default=None)
+
+
+def _of_plans(contest: Contest, sense: int) -> Iterator[Known]:
+    """Yield the costs of single plans that are listed or of earlier runs."""
     best = listed_best(contest)
     if best is not None and best.cost is not None:
-        found.append(Known(float(sense * best.cost), LISTED[best.known_by]))
+        yield Known(float(sense * best.cost), LISTED[best.known_by])
     earlier = earlier_best(contest, RUNS, sense)
     if earlier is not None:
         where = f"an earlier run, {printable(str(earlier.folder))}"
-        found.append(Known(float(sense * earlier.cost), where))
-    return min(found, key=lambda one: one.cost, default=None)
+        yield Known(float(sense * earlier.cost), where)
 
 
 def _write(

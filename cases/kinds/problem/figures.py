@@ -45,7 +45,7 @@ from swarmstart.cases.kinds.problem.stated.symbols import (
 from swarmstart.cases.record.trajectory_arrays import held_controls
 from swarmstart.ocp import Known, OptimalControlProblem, Plan, Trajectory
 from swarmstart.ocp.loop import known_at
-from swarmstart.ocp.rollout import core_known, replay
+from swarmstart.ocp.rollout import replayed
 from swarmstart.ocp.statement import lowered
 
 if TYPE_CHECKING:
@@ -170,11 +170,7 @@ class Planned:
             given = _to_replay(
                 agent, float(run.times[step]), partial(self.known, step, number)
             )
-            pair = lowered(agent.problem)
-            start = pair.start(x0, given.previous)
-            states, _, _ = replay(
-                agent.problem, plan.controls, start, core_known(pair, given)
-            )
+            states = replayed(agent.problem, plan.controls, x0, given)
         return states[list(agent.shows)]
 
 

@@ -165,6 +165,23 @@ def signal_rows(problem: OptimalControlProblem, signals: ArrayLike) -> Array:
     return shaped("signals", rows, shape, lambda: meaning_of_known(problem, "signals"))
 
 
+def with_parameters(
+    problem: OptimalControlProblem, parameters: ArrayLike, more: ArrayLike
+) -> Array:
+    """Return the known parameters of a problem with those that a rewrite appends.
+
+    Parameters of the core, of which there are more, are returned unchanged.
+
+    Args:
+        problem: Problem before the rewrite.
+        parameters: Values of its parameters that are not decided, or of the core's.
+        more: Values of the appended parameters.
+    """
+    values = np.asarray(parameters)
+    own = problem.model.np - len(problem.decided)
+    return np.append(values, more) if values.size == own else values
+
+
 def meaning_of_known(problem: OptimalControlProblem, role: str) -> str:
     """Return what the values of a role in a Known are; empty if there are none."""
     names = ", ".join(symbol_names(problem.symbols()[role]))

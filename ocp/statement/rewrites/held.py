@@ -25,6 +25,7 @@ from swarmstart.ocp.statement.rewrites.changed import (
     changed_model,
     replaced,
     signal_rows,
+    with_parameters,
     with_states,
 )
 from swarmstart.ocp.statement.rewrites.rewrite import Rewrite
@@ -158,11 +159,9 @@ class HeldSignals(Rewrite):
         Raises:
             InvalidProblemError: If the shape of the signals is not the problem's.
         """
-        rows, values = signal_rows(problem, signals), np.asarray(parameters)
-        # If there are more, the values are already those of the core.
-        if values.size == problem.model.np - len(problem.decided):
-            values = np.append(values, rows[self._rows(problem), 0])
-        return values, rows, time
+        rows = signal_rows(problem, signals)
+        first = rows[self._rows(problem), 0]
+        return with_parameters(problem, parameters, first), rows, time
 
     def _rows(self, problem: OptimalControlProblem) -> list[int]:
         """Return the numbers of the signals."""

@@ -13,6 +13,7 @@ from swarmstart.ocp.statement.rewrites.changed import (
     replaced,
     signal_rows,
     with_equations,
+    with_parameters,
 )
 from swarmstart.ocp.statement.rewrites.end_time import length_of
 from swarmstart.ocp.statement.rewrites.rewrite import Rewrite
@@ -63,8 +64,5 @@ class Time(Rewrite):
         """
         rows, own = signal_rows(problem, signals), problem.model.ns
         tau = np.linspace(0.0, 1.0, problem.nodes)[None, :]
-        values = np.asarray(parameters)
-        # If there is one more, the values are already those of the core.
-        if values.size == problem.model.np - len(problem.decided):
-            values = np.append(values, time)
+        values = with_parameters(problem, parameters, time)
         return values, np.vstack([rows[:own], tau, rows[own:]]), time

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 import swarmstart as ss
-from swarmstart.ocp.rollout import SampledValue, replay
+from swarmstart.ocp.rollout import SampledValue
+from swarmstart.ocp.rollout.fitness import replay
 
 
 def problem(**more: Any) -> ss.OptimalControlProblem:

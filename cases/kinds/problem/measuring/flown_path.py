@@ -22,12 +22,7 @@ from swarmstart.cases.kinds.problem.stated.members import (
 from swarmstart.cases.kinds.problem.stated.model import COSTS, model_of
 from swarmstart.cases.kinds.problem.stated.phases import interval_ends, phase_scenarios
 from swarmstart.cases.kinds.problem.stated.scenario import ProblemScenario
-from swarmstart.cases.kinds.problem.stated.symbols import (
-    ARRAYS,
-    TIME,
-    Signal,
-    constants_of,
-)
+from swarmstart.cases.kinds.problem.stated.symbols import ARRAYS, TIME, constants_of
 from swarmstart.cases.kinds.problem.stated.values import (
     Tables,
     inputs_of,
@@ -36,7 +31,7 @@ from swarmstart.cases.kinds.problem.stated.values import (
 from swarmstart.cases.record.trajectory_arrays import control_rows, held_controls
 from swarmstart.ocp import OptimalControlProblem, Trajectory, zero_controls
 from swarmstart.ocp.common import symbol_names
-from swarmstart.ocp.loop import until_jumps
+from swarmstart.ocp.loop import rows_before_jumps
 from swarmstart.ocp.statement import lowered
 from swarmstart.ocp.system import row_excess
 
@@ -137,24 +132,6 @@ def algebraic_rows(
         flight.plant.varying(at),
     )
     return np.array(found).reshape(-1, *times.shape)
-
-
-def rows_before_jumps(rows: Signal, times: Array) -> Array:
-    """Return values over time along a path, shape (rows, T * (m + 1)).
-
-    Like a control, a value that jumps at the end of an interval has its earlier value
-    there; the next row of times begins with the later one.
-
-    Args:
-        rows: Times, shape (n,) [s] -> values, shape (n,) or (rows, n).
-        times: Times along the path, as from `rows_of`, shape (T, m + 1) [s].
-    """
-    found = np.atleast_2d(rows(times.reshape(-1))).reshape(-1, *times.shape).copy()
-    last = int(np.searchsorted(times[0], times[0, -1]))  # Before the state's jump.
-    found[:, :, last] = until_jumps(
-        lambda at: np.atleast_2d(rows(at)), times[:, last - 1], times[:, last]
-    )
-    return found.reshape(len(found), -1)
 
 
 def integrated(values: Array, times: Array) -> float:

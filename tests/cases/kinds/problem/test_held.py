@@ -14,12 +14,12 @@ from swarmstart.arrays import Array
 from swarmstart.cases.campaign.running.run import run
 from swarmstart.cases.drawing.slack import moving_bounds, slacks
 from swarmstart.cases.kinds.problem.figures import Planned, draw
-from swarmstart.cases.kinds.problem.measuring.flown_path import rows_before_jumps
 from swarmstart.cases.kinds.problem.pose import pose
 from swarmstart.cases.kinds.problem.stated.members import ProblemPosed
 from swarmstart.cases.record.record import Recording
 from swarmstart.cases.record.results import load
 from swarmstart.ocp import HeldSignals, Known
+from swarmstart.ocp.loop import rows_before_jumps
 from swarmstart.tests.cases.kinds.problem.conftest import (
     scenario_of,
     simulated,

@@ -33,7 +33,7 @@ from swarmstart.ocp import (
     solve_many,
 )
 from swarmstart.ocp.common.expressions import symbol_names
-from swarmstart.ocp.loop import until_jumps
+from swarmstart.ocp.loop.plant import at_both_ends
 from swarmstart.ocp.rollout.fitness import core_known, stated_known
 from swarmstart.ocp.statement import held_signals, lowered
 from swarmstart.tests.ocp.feature_pairs.comparison import compared
@@ -171,7 +171,8 @@ def test_closed_loop_flies_the_plan_with_a_plant_that_jumps_alike() -> None:
 def test_function_that_jumps_at_the_end_of_a_step_is_its_value_before() -> None:
     begins, ends = np.array([0.0, 0.5, 1.0]), np.array([0.5, 1.0, 1.5])
     rows = lambda t: np.array([np.where(t < 1.0, 1.0, 3.0), np.sin(9 * t)])  # noqa: E731
-    found = until_jumps(rows, begins, ends)
+    first, found = at_both_ends(rows, begins, ends)
+    np.testing.assert_array_equal(first, [[1.0, 1.0, 3.0], np.sin(9 * begins)])
     np.testing.assert_array_equal(found[0], [1.0, 1.0, 3.0])
     np.testing.assert_array_equal(found[1], np.sin(9 * ends))  # The same bits.
 
