@@ -159,8 +159,9 @@ def test_plans_of_a_record_are_drawn_as_they_were_made(
     np.testing.assert_allclose(seen[-1:], shown, atol=1e-12)
 
 
-def test_distance_to_a_limit_is_that_to_the_value_that_is_held() -> None:
-    more = {"steps": 24, "plant": {"substeps": 4}, "feedback": "receding_horizon"}
+@pytest.mark.parametrize("law", ["open_loop", "receding_horizon"])
+def test_distance_to_a_limit_is_that_to_the_value_that_is_held(law: str) -> None:
+    more = {"steps": 24, "plant": {"substeps": 4}, "feedback": law}
     made = run(stated(yaml.safe_dump(NIGHT | more)), seed=0)
     posed, path = made.flight.posed, made.trajectory
 
@@ -198,3 +199,6 @@ def test_values_at_the_end_of_an_interval_are_those_before_a_jump() -> None:
     more = np.concatenate([times, times[:, -1:]], axis=1)
     found = rows_before_jumps(jump, more).reshape(2, 4)
     np.testing.assert_array_equal(found, [[1, 1, 1, 3], [3, 3, 3, 3]])
+    # What does not jump stays as it is.
+    found = rows_before_jumps(np.sin, times).reshape(2, 3)
+    np.testing.assert_array_equal(found, np.sin(times))

@@ -217,6 +217,8 @@ def test_core_with_the_time_gives_back_what_is_known_of_the_stated_problem() -> 
     assert whole.time_row == 1
     known = Known(parameters=[0.3], signals=[[0.5, 1.0, 7.0]], time=2.0)
     core = core_known(whole, known)
+    again = core_known(whole, known._replace(parameters=core.parameters))
+    np.testing.assert_array_equal(again.parameters, [0.3, 0.5, 2.0])  # Unchanged.
     back = stated_known(
         whole, whole.start([0.0]), np.array(core.parameters), np.array(core.signals)
     )
