@@ -1,15 +1,15 @@
 """From many starts to one answer: lanes, distinct optima, NLP solver.
 
-    cold       the NLP solver from zero controls, from the middle of the bounds and from
-               the user's guess
+    cold       the NLP solver from zero controls, from the middle of the bounds, from
+               the user's guess, and from states that lead straight to a fixed end
     lanes      local solves from these, from smooth random controls and from states
                that reach a fixed end; the distinct optima are counted. If cold
                starts and lanes disagree, also from variations of these optima
                (start_lanes.py)
     search     the population search
-    polish     the NLP solver from the best three optima of the lanes, from the search's
-               points, and from states that lead straight to a fixed end; without optima
-               of lanes, from more states that reach it
+    polish     the NLP solver from the best three optima of the lanes and from the
+               search's points; without optima of lanes, from more states that reach a
+               fixed end
     again      the NLP solver once more from the best answer, if its settings had kept
                it near the start: now with default settings, so that it can leave a
                saddle point
@@ -178,9 +178,10 @@ class ManyStarts:
         cold = self._cold()
         if guess is not None:
             cold.append(Origined("the guess", guess))
+        starts = [one.start for one in cold]
+        cold += _reaching(state_guesses(fitness, x0, known, 1, rng))  # Draws nothing.
         expect_starts(watch, len(cold))
         try:
-            starts = [one.start for one in cold]
             solved = self._beside(
                 tries, cold, rng, lambda: self._in_lanes(starts, x0, known, rng)
             )
@@ -213,7 +214,8 @@ class ManyStarts:
         """Search, and polish from all but the cold starts."""
         # In lanes there were many guesses already.
         count = 1 if optima else _GUESSES
-        guesses = state_guesses(self._fitness, x0, known, count, rng)
+        # Without the first, which leads straight there: it was among the cold starts.
+        guesses = state_guesses(self._fitness, x0, known, count, rng)[1:]
         if tries.agree:
             optima, search = optima[:1], None
         best = [Origined("the lanes", one) for one in optima]
@@ -228,7 +230,7 @@ class ManyStarts:
             tries.is_searched = not tries.is_beyond_rollouts
             expect_starts(watch, len(found))
         further = [Origined("the search", one) for one in found]
-        further += [Origined("guesses of states", one) for one in guesses]
+        further += _reaching(guesses)
         if not self._fitness.problem.model.nu:
             further += self._drawn(x0, known, rng)
         self._several(tries, further)
@@ -262,11 +264,16 @@ class ManyStarts:
     def _take(
         self, tries: "_Tries", starts: Sequence[Origined], results: Ahead[Timed]
     ) -> None:
-        """Take the results of starts, of each kind the best first."""
+        """Take the results of starts, of each kind the best first.
+
+        When a budget is spent, only a first start that is an answer is taken: its
+        polish ends after an iteration, and returns it if it is not improved.
+        """
         shooting, work = self._fitness.shooting, Counter[Origin]()
         each = shooting.stage_without_path.n_instructions() * shooting.problem.intervals
         for number, one in enumerate(starts):
-            if self._polisher.watch.is_over and tries.answers:
+            is_answer = number == 0 and one.origin in _NEAR
+            if self._polisher.watch.is_over and tries.answers and not is_answer:
                 return
             if work[one.origin] <= _MOST_WORK:
                 answer = tries.taken(one, results.result(number))
@@ -332,6 +339,11 @@ class ManyStarts:
         except NoCompilerError as error:  # Raised at the first use.
             self._lanes, self._refused = None, str(error)
             return None
+
+
+def _reaching(guesses: Sequence[Start]) -> list[Origined]:
+    """Return starts whose states reach a fixed end."""
+    return [Origined("guesses of states", one) for one in guesses]
 
 
 class _Tries:

@@ -19,6 +19,8 @@ Source: Lourenco, Martin and Stuetzle (2003), Iterated local search; Eiben and S
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -36,7 +38,7 @@ from swarmstart.ocp.lanes.answers import (
 )
 from swarmstart.ocp.lanes.solver import LaneSolver, random_starts
 from swarmstart.ocp.nlp.start import Start
-from swarmstart.ocp.nlp.watching import Watch
+from swarmstart.ocp.nlp.watching import Watch, stops_nothing
 from swarmstart.ocp.rollout.fitness import Fitness, Known, started
 from swarmstart.ocp.search.account import Lanes
 from swarmstart.ocp.search.search_space import side_by_side
@@ -46,6 +48,8 @@ ROUNDS = 8
 """Largest number of rounds of variations."""
 CHEAPER = 1e-4
 """Relative difference of costs by which a round must be cheaper for another one."""
+BATCH = 16
+"""Number of starts between two looks at a budget that may end the lanes."""
 KEPT = 16
 """Number of optima that are varied, the cheapest ones."""
 _MIXED = 0.2
@@ -80,6 +84,25 @@ class Solved:
     def least(self) -> float:
         """The least cost of feasible answers; infinite without one."""
         return float(self.answers.cost[reached(self.answers)].min(initial=np.inf))
+
+
+class _Starts(NamedTuple):
+    """Starts of one kind, n of them.
+
+    Attributes:
+        controls: Controls, shape (nu, N, n).
+        decided: Decisions about the start, shape (ny, n).
+        states: States between intervals, shape (nx, N + 1, n); None: those that the
+            controls lead to.
+    """
+
+    controls: Array
+    decided: Array
+    states: Array | None = None
+
+    def part(self, some: slice) -> "_Starts":
+        """Return some of these starts."""
+        return _Starts(*(one if one is None else one[..., some] for one in self))
 
 
 class StartLanes:
@@ -131,23 +154,22 @@ class StartLanes:
             controls, decided = random_starts(problem, n, rng)
             given = side_by_side(problem, starts, state)
             rest = slice(len(bent), None)
-            found = self._solver(
-                x0,
-                np.dstack([given[0], controls[..., rest]]),
-                np.hstack([given[1], decided[:, rest]]),
-                known=known,
-            )
+            kinds = [
+                _Starts(
+                    np.dstack([given[0], controls[..., rest]]),
+                    np.hstack([given[1], decided[:, rest]]),
+                )
+            ]
             if bent:
                 nodes = np.dstack([g.states for g in bent if g.states is not None])
-                further = self._solver(
-                    x0,
-                    np.dstack([one.controls for one in bent]),
-                    decided[:, : len(bent)],
-                    nodes[:, :: problem.checks],
-                    known=known,
+                kinds.append(
+                    _Starts(
+                        np.dstack([one.controls for one in bent]),
+                        decided[:, : len(bent)],
+                        nodes[:, :: problem.checks],
+                    )
                 )
-                found = joined([found, further])
-        self._count(found)
+            found = self._answers(kinds, state, known)
         return Solved(
             x0=state, known=known, answers=found, random=found.cost.size,
             seconds=watch.seconds,
@@ -173,8 +195,8 @@ class StartLanes:
             with stopwatch() as watch:
                 controls, decided, states = variations(solved.answers, n, rng)
                 states *= sizes[:, None, None]
-                further = self._solver(x0, controls, decided, states, known=known)
-            self._count(further)
+                kind = _Starts(controls, decided, states)
+                further = self._answers([kind], x0, known)
             solved = replace(
                 solved,
                 answers=joined([solved.answers, further]),
@@ -184,9 +206,37 @@ class StartLanes:
                 break
         return solved
 
-    def _count(self, found: LaneAnswers) -> None:
+    def _answers(
+        self, kinds: Sequence[_Starts], x0: Array, known: Known
+    ) -> LaneAnswers:
+        """Return the answers from starts, those of each kind in their order.
+
+        If the watch may end the work, a batch of each kind is solved in turn until it
+        does, at least one batch.
+        """
+        n = max(one.controls.shape[2] for one in kinds)
+        size = n if stops_nothing(self._watch) else BATCH
+        found: list[list[LaneAnswers]] = [[] for _ in kinds]
+        for first in range(0, n, size):
+            for kind, answers in zip(kinds, found, strict=True):
+                some = kind.part(slice(first, first + size))
+                if not some.controls.size or (found[0] and self._watch.is_over):
+                    continue
+                answers.append(self._solver(x0, *some, known=known))
+                self._report(answers[-1], x0, known)
+        return joined([*chain(*found)])
+
+    def _report(self, found: LaneAnswers, x0: Array, known: Known) -> None:
+        """Report the work of lanes, and their best answer if answers are kept."""
         taken = int(found.iterations.sum())
         self._watch.counted(taken * self._solver.rollouts_per_iteration)
+        best = distinct_optima(found)[:1]
+        if stops_nothing(self._watch) or not best:
+            return
+        controls, decided = best[0].controls, best[0].decided
+        start = started(self._fitness.problem, x0, decided)
+        value = self._fitness.value(controls, start, known)
+        self._watch.answered((controls, start), *value)
 
     def best(self, solved: Solved, n: int) -> list[Start]:
         """Return the cheapest distinct answers that are feasible, at most n."""
