@@ -154,8 +154,8 @@ def solve(  # noqa: PLR0913 - the whole way in one call
             reports on it. False: the answer is not solved again.
         lanes: Number of random starts that are solved at once, in SIMD lanes. With them
             the polish also starts from zero controls, the middle of the bounds, the
-            guess, the search's best points and guesses of states, and the answer
-            reports the result of each. None means 64 if there is a polish; 0 means that
+            guess, states that lead straight to a fixed end and the search's best
+            points, and the answer reports the result of each. None means 64 if there is a polish; 0 means that
             the polish starts from the guess; without one, from zero controls and from
             the middle of the bounds.
         threads: Largest number of threads of the search and the lanes, and of processes

@@ -11,6 +11,7 @@ Origin = Literal[
     "zero controls",
     "the middle of the bounds",
     "the guess",
+    "straight states",
     "the lanes",
     "the search",
     "guesses of states",
@@ -219,8 +220,8 @@ class StartsAccount:
         lanes: Results of the local solves in lanes; None without such solves.
         without_lanes: Reason why there were no lanes; empty if there were.
         search: Effort of the search; None without a search.
-        agree: Whether the starts from default controls and the guess agree with the
-            lanes (many_starts.py), so that the search was left out.
+        agree: Whether the starts before the lanes agree with these (many_starts.py), so
+            that the search was left out.
     """
 
     won: Origin
@@ -242,8 +243,8 @@ class StartsAccount:
     def found_after(self) -> float:
         """Seconds, without compilation, until an answer as good as the best was found.
 
-        The order of work is: polish from the cold starts and the guess, lanes, polish
-        from their optima, search.
+        The order of work is: polish from the cold starts, lanes, polish from their
+        optima, search.
         """
         feasible = [one.cost for one in self.tried if one.feasible]
         least = min(feasible, default=math.inf)
@@ -343,7 +344,7 @@ class StartsAccount:
 
 
 _ORDER = get_args(Origin)
-_FIRST = _ORDER[:3]
+_FIRST = _ORDER[: _ORDER.index("the lanes")]
 
 
 def _told(one: Tried, sense: float) -> dict[str, Any]:

@@ -179,7 +179,8 @@ class ManyStarts:
         if guess is not None:
             cold.append(Origined("the guess", guess))
         starts = [one.start for one in cold]
-        cold += _reaching(state_guesses(fitness, x0, known, 1, rng))  # Draws nothing.
+        straight = state_guesses(fitness, x0, known, 1, rng)  # Draws nothing.
+        cold += [Origined("straight states", one) for one in straight]
         expect_starts(watch, len(cold))
         try:
             solved = self._beside(
@@ -214,7 +215,7 @@ class ManyStarts:
         """Search, and polish from all but the cold starts."""
         # In lanes there were many guesses already.
         count = 1 if optima else _GUESSES
-        # Without the first, which leads straight there: it was among the cold starts.
+        # Without the straight one, which was a cold start.
         guesses = state_guesses(self._fitness, x0, known, count, rng)[1:]
         if tries.agree:
             optima, search = optima[:1], None
@@ -230,7 +231,7 @@ class ManyStarts:
             tries.is_searched = not tries.is_beyond_rollouts
             expect_starts(watch, len(found))
         further = [Origined("the search", one) for one in found]
-        further += _reaching(guesses)
+        further += [Origined("guesses of states", one) for one in guesses]
         if not self._fitness.problem.model.nu:
             further += self._drawn(x0, known, rng)
         self._several(tries, further)
@@ -339,11 +340,6 @@ class ManyStarts:
         except NoCompilerError as error:  # Raised at the first use.
             self._lanes, self._refused = None, str(error)
             return None
-
-
-def _reaching(guesses: Sequence[Start]) -> list[Origined]:
-    """Return starts whose states reach a fixed end."""
-    return [Origined("guesses of states", one) for one in guesses]
 
 
 class _Tries:

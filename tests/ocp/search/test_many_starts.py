@@ -1,5 +1,6 @@
 """Answers from many starts, and their account of the other starts."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import casadi as ca
@@ -15,6 +16,7 @@ from swarmstart.ocp import (
     Model,
     OptimalControlProblem,
     PathConstraint,
+    Plan,
     Planner,
     SolveInterrupted,
     Source,
@@ -23,10 +25,10 @@ from swarmstart.ocp import (
 from swarmstart.ocp.lanes.answers import Optimum, reached, unseen_share
 from swarmstart.ocp.lanes.posed import NoLanesError
 from swarmstart.ocp.lanes.solver import LaneSolver, random_starts
-from swarmstart.ocp.nlp.watching import Unwatched
+from swarmstart.ocp.nlp.watching import UNWATCHED, Unwatched, Watch
 from swarmstart.ocp.rollout.fitness import Fitness
 from swarmstart.ocp.search import many_starts
-from swarmstart.ocp.search.account import Lanes, Origin, Tried
+from swarmstart.ocp.search.account import Lanes, Origin, StartsAccount, Tried
 from swarmstart.ocp.search.many_starts import agree
 from swarmstart.ocp.search.start_lanes import ROUNDS
 from swarmstart.ocp.search.state_guesses import state_guesses
@@ -52,7 +54,7 @@ def test_answer_is_no_worse_than_any_of_its_starts() -> None:
     assert answer.cost == pytest.approx(10.8186, abs=1e-4)
     cold = solve(four_discs(), x0, search=None, lanes=0, repair=False, seed=0)
     assert cold.cost > answer.cost + 0.1
-    assert account.won in ("guesses of states", "the lanes")
+    assert account.won in ("straight states", "the lanes")
     found = account.best_of("the lanes")
     assert found is not None
     assert found.cost == pytest.approx(answer.cost, rel=1e-6)
@@ -85,11 +87,14 @@ def test_seconds_until_found_are_those_of_the_parts_before() -> None:
     before = [one for one in account.tried if one.cost > answer.cost * (1 + 1e-5)]
     assert account.tried[0] in before
     assert account.won == "the lanes"  # Which are before the search.
-    least = account.lanes.seconds + account.tried[0].seconds
+    cold = sum(one.seconds for one in account.tried[:2])
+    assert account.tried[1].origin == "straight states"
+    assert account.tried[1] in before
+    least = account.lanes.seconds + cold
     assert least < account.found_after <= least + account.polish.seconds
-    guess = next(one for one in account.tried if one.origin == "guesses of states")
-    late = replace(account, tried=(account.tried[0], replace(guess, cost=0.0)))
-    least += account.search.seconds + guess.seconds
+    found = next(one for one in account.tried if one.origin == "the search")
+    late = replace(account, tried=(*account.tried[:2], replace(found, cost=0.0)))
+    least += account.search.seconds + found.seconds
     assert late.found_after == pytest.approx(least)
 
 
@@ -119,7 +124,8 @@ def test_summary_says_what_starts_led_to() -> None:
     assert answer.optima[0].count >= 17
     assert answer.optima[0].cost == pytest.approx(36.7126, abs=1e-3)
     assert "  won         zero controls" in said
-    assert "  polished    zero controls 36.71264; the lanes 36.71264" in said
+    cold = "zero controls 36.71264; straight states 36.71264"
+    assert f"  polished    {cold}; the lanes 36.71264" in said
     assert "  lanes       33 starts, 16 of them variations: 36.712" in said
     last = said.splitlines()[-1]
     assert last.endswith("at most 18% of such starts end in others (95% interval)")
@@ -287,17 +293,22 @@ def test_default_search_is_left_out_only_where_starts_agree() -> None:
     np.testing.assert_allclose(settled.cost, named.cost, rtol=1e-6)
 
 
+def counts_of(account: StartsAccount, kinds: Sequence[Origin]) -> list[int]:
+    """Return the number of polishes from each kind of start."""
+    return [sum(one.origin == kind for one in account.tried) for kind in kinds]
+
+
 def test_states_that_reach_the_end_are_guessed_in_lanes() -> None:
-    """Half of the random starts begin there; without lanes IPOPT tries eight."""
+    """Half of the random starts begin there; without lanes IPOPT tries seven."""
     answer = solve(pendulum(), [0.0, 0.0], search=None, lanes=16, seed=0)
     account = answer.plan.starts
     assert account is not None and account.lanes is not None
     assert account.lanes.starts - account.lanes.varied == 1 + 16
-    guesses: Origin = "guesses of states"
-    assert sum(one.origin == guesses for one in account.tried) == 1
+    kinds: tuple[Origin, ...] = ("straight states", "guesses of states")
+    assert counts_of(account, kinds) == [1, 0]
     left = solve(cart(blocks=[25, 25]), [0.0, 1.0], search=None, lanes=16, seed=0)
     assert left.plan.starts is not None
-    assert sum(one.origin == guesses for one in left.plan.starts.tried) == 8
+    assert counts_of(left.plan.starts, kinds) == [1, 7]
 
 
 def test_lanes_from_states_pass_where_those_from_controls_fail() -> None:
@@ -329,3 +340,69 @@ def test_one_start_is_polished_although_the_budget_is_spent() -> None:
     assert plan.starts is not None
     assert [one.origin for one in plan.starts.tried] == ["zero controls"]
     assert plan.starts.without_lanes == "the budget was spent before"
+
+
+class Ended(Unwatched):
+    """Observer whose budget is spent after a number of batches of lanes.
+
+    Attributes:
+        batches: Batches so far.
+        answers: Costs and violations of answers so far.
+    """
+
+    def __init__(self, most: int) -> None:
+        """Keep the number."""
+        self._most, self.batches = most, 0
+        self.answers: list[tuple[float, float]] = []
+
+    @property
+    def is_over(self) -> bool:
+        """True after the last batch."""
+        return self.batches >= self._most
+
+    def counted(self, evaluations: float) -> None:
+        """Count a batch."""
+        assert evaluations > 0
+        self.batches += 1
+
+    def iterated(self, evaluations: float, answer: object) -> bool:
+        """Stop a solve after the last batch."""
+        del evaluations, answer
+        return not self.is_over
+
+    def answered(self, answer: object, cost: float, violation: float) -> None:
+        """Keep the value."""
+        del answer
+        self.answers.append((cost, violation))
+
+
+def past_discs(watch: Watch = UNWATCHED) -> Plan:
+    """Return a plan past four discs, for which the cold starts are too dear."""
+    planner = Planner(
+        four_discs(), search=None, polish=IpoptOptions(), lanes=64, watch=watch
+    )
+    x0 = planner.posed([0.0, 0.0, 0.0])[0]
+    return planner.plan(x0, rng=np.random.default_rng(0))
+
+
+def test_lanes_end_with_the_budget_and_their_best_is_the_answer() -> None:
+    """Lanes are 16 random controls, then 16 states that lead to the end, and so on."""
+    watch = Ended(2)
+    plan = past_discs(watch)
+    assert plan.starts is not None and plan.starts.lanes is not None
+    assert watch.batches == 2 and plan.starts.lanes.starts == 32
+    assert plan.starts.won == "the lanes" and plan.starts.tried[-1].iterations == 0
+    cold = [one.cost for one in plan.starts.tried if one.origin != "the lanes"]
+    assert plan.feasible and plan.cost < min(cold) - 0.1
+    # It was reported before it was polished.
+    assert plan.cost == pytest.approx(watch.answers[len(cold)][0], rel=1e-6)
+
+
+def test_budget_that_is_not_spent_changes_no_answer() -> None:
+    """Batches are solved apart, and their answers are in the order of their starts."""
+    watch = Ended(1000)
+    plan = past_discs(watch)
+    whole = past_discs()
+    assert watch.batches > 5
+    assert plan.starts == whole.starts
+    np.testing.assert_array_equal(plan.controls, whole.controls)
