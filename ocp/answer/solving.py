@@ -155,9 +155,9 @@ def solve(  # noqa: PLR0913 - the whole way in one call
         lanes: Number of random starts that are solved at once, in SIMD lanes. With them
             the polish also starts from zero controls, the middle of the bounds, the
             guess, states that lead straight to a fixed end and the search's best
-            points, and the answer reports the result of each. None means 64 if there is a polish; 0 means that
-            the polish starts from the guess; without one, from zero controls and from
-            the middle of the bounds.
+            points, and the answer reports the result of each. None means 64 if there is
+            a polish; 0 means that the polish starts from the guess; without one, from
+            zero controls and from the middle of the bounds.
         threads: Largest number of threads of the search and the lanes, and of processes
             of polishes from several starts, which are copies of this one (Linux). The
             answer has the same bits for any number. None: as many as there are

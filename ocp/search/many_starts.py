@@ -1,7 +1,7 @@
 """From many starts to one answer: lanes, distinct optima, NLP solver.
 
-    cold       the NLP solver from zero controls, from the middle of the bounds, from
-               the user's guess, and from states that lead straight to a fixed end
+    cold       the NLP solver from the user's guess, from states that lead straight to
+               a fixed end, from zero controls, and from the middle of the bounds
     lanes      local solves from these, from smooth random controls and from states
                that reach a fixed end; the distinct optima are counted. If cold
                starts and lanes disagree, also from variations of these optima
@@ -175,12 +175,8 @@ class ManyStarts:
         # Asked for each time, since the program may have other threads by now.
         processes = processes_of(self._threads)
         tries = _Tries(self._polisher, x0, known, fitness.problem.tolerance, processes)
-        cold = self._cold()
-        if guess is not None:
-            cold.append(Origined("the guess", guess))
-        starts = [one.start for one in cold]
-        straight = state_guesses(fitness, x0, known, 1, rng)  # Draws nothing.
-        cold += [Origined("straight states", one) for one in straight]
+        cold = self._cold(guess, x0, known, rng)
+        starts = [one.start for one in cold if one.origin != "straight states"]
         expect_starts(watch, len(cold))
         try:
             solved = self._beside(
@@ -302,13 +298,23 @@ class ManyStarts:
         spent = self._polisher.watch.is_over
         return "the budget was spent before" if spent else "interrupted"
 
-    def _cold(self) -> list[Origined]:
-        """Return zero controls, and the middle of the bounds if it differs."""
+    def _cold(
+        self, guess: Start | None, x0: ArrayLike, known: Known, rng: np.random.Generator
+    ) -> list[Origined]:
+        """Return the starts before the lanes; those that soon lead to an answer first.
+
+        The middle of the bounds is among them if it differs from zero controls.
+        """
+        straight = state_guesses(self._fitness, x0, known, 1, rng)  # Draws nothing.
         origins: tuple[Origin, ...] = ("zero controls", "the middle of the bounds")
         if not self._fitness.problem.model.nu:
             origins = origins[1:]  # Of what is decided.
         cold = cold_controls(self._fitness.problem)
-        return [Origined(o, Start(c)) for o, c in zip(origins, cold, strict=False)]
+        return [
+            *([] if guess is None else [Origined("the guess", guess)]),
+            *(Origined("straight states", one) for one in straight),
+            *(Origined(o, Start(c)) for o, c in zip(origins, cold, strict=False)),
+        ]
 
     def _drawn(
         self, x0: ArrayLike, known: Known, rng: np.random.Generator

@@ -79,6 +79,7 @@ def test_seconds_until_found_are_those_of_the_parts_before() -> None:
     """The cold start solves a convex problem, but not the four discs."""
     account = solve(cart(), [0.0, 1.0], lanes=16, budget=1000, seed=0).plan.starts
     assert account is not None
+    assert account.won == "zero controls"
     assert account.found_after == account.tried[0].seconds
     answer = solve(four_discs(), [0.0, 0.0, 0.0], budget=1000, lanes=64, seed=0)
     account = answer.plan.starts
@@ -88,7 +89,7 @@ def test_seconds_until_found_are_those_of_the_parts_before() -> None:
     assert account.tried[0] in before
     assert account.won == "the lanes"  # Which are before the search.
     cold = sum(one.seconds for one in account.tried[:2])
-    assert account.tried[1].origin == "straight states"
+    assert account.tried[0].origin == "straight states"
     assert account.tried[1] in before
     least = account.lanes.seconds + cold
     assert least < account.found_after <= least + account.polish.seconds
@@ -124,7 +125,7 @@ def test_summary_says_what_starts_led_to() -> None:
     assert answer.optima[0].count >= 17
     assert answer.optima[0].cost == pytest.approx(36.7126, abs=1e-3)
     assert "  won         zero controls" in said
-    cold = "zero controls 36.71264; straight states 36.71264"
+    cold = "straight states 36.71264; zero controls 36.71264"
     assert f"  polished    {cold}; the lanes 36.71264" in said
     assert "  lanes       33 starts, 16 of them variations: 36.712" in said
     last = said.splitlines()[-1]
@@ -338,7 +339,7 @@ def test_one_start_is_polished_although_the_budget_is_spent() -> None:
     plan = planner.plan([0.0, 1.0], rng=np.random.default_rng(0))
     assert plan.feasible
     assert plan.starts is not None
-    assert [one.origin for one in plan.starts.tried] == ["zero controls"]
+    assert [one.origin for one in plan.starts.tried] == ["straight states"]
     assert plan.starts.without_lanes == "the budget was spent before"
 
 
@@ -377,7 +378,7 @@ class Ended(Unwatched):
 
 
 def past_discs(watch: Watch = UNWATCHED) -> Plan:
-    """Return a plan past four discs, for which the cold starts are too dear."""
+    """Return a plan past four discs, for which the cold starts cost too much."""
     planner = Planner(
         four_discs(), search=None, polish=IpoptOptions(), lanes=64, watch=watch
     )
