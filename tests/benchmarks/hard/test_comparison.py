@@ -10,12 +10,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 from swarmstart.benchmarks.hard.comparison import (
     METHODS,
     Result,
     Score,
     finding,
+    fresh_draws,
+    fresh_section,
     page,
     plot,
     problem_table,
@@ -32,6 +35,7 @@ from swarmstart.benchmarks.hard.cpu_trials import (
 )
 from swarmstart.benchmarks.hard.peers import PEERS
 from swarmstart.cases.campaign.engine.cells import Outcome
+from swarmstart.cases.hard import shipped_text
 from swarmstart.errors import MissingPackageError, SwarmstartError
 from swarmstart.heuristics import Box, Budget, DifferentialEvolution, minimize
 
@@ -93,6 +97,29 @@ def test_a_better_cost_than_the_best_known_is_reported() -> None:
     one = result(score("solve", [1.0], [0.9]), known=1.0, best=0.9)
     said = "\n".join(page([one], seconds=10.0, seeds=1, command="it"))
     assert "Better than the file of best known values: `hard/walls_2` (0.9)" in said
+
+
+def test_fresh_draws_have_the_sizes_of_the_shipped_problems(tmp_path: Path) -> None:
+    paths = fresh_draws(tmp_path / "fresh", ["hard/walls_2", "hard/gears_6"], 102)
+    assert [Path(one).name for one in paths] == [
+        "walls_2_seed_102.yaml", "gears_6_seed_102.yaml"
+    ]  # fmt: skip
+    for path, name in zip(paths, ("walls_2", "gears_6"), strict=True):
+        shipped, other = shipped_text(name), Path(path).read_text(encoding="utf-8")
+        keys = [set(yaml.safe_load(text)["problem"]) for text in (shipped, other)]
+        assert shipped != other and keys[0] == keys[1]
+
+
+def test_methods_on_fresh_draws_are_judged_by_the_best_found_there() -> None:
+    one = result(
+        score("solve", [1.0, 1.0], [0.9, 0.9]),
+        score("ipopt", [math.inf, math.inf], [1.0, 1.0]),
+        known=math.inf, best=0.9,
+    )  # fmt: skip
+    lines = fresh_section([one], seconds=2.0, seed=102)
+    said = "\n".join(lines)
+    assert "seed 102" in said and "in 2 of 2 runs" in said
+    assert lines[-1] == "| walls_2 | 0.9 | 2 of 2 | 0 of 2 |"
 
 
 def test_budgets_of_seconds_count_by_the_clock_that_is_given() -> None:
