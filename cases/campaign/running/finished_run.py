@@ -42,8 +42,9 @@ if TYPE_CHECKING:
 
 
 ROUNDED = 1e-9
-_MOST_RAMPS = 3
 """Distance of a vehicle from its plan that is rounding [m]."""
+_MOST_RAMPS = 3
+"""Number of ramps that a status names."""
 
 
 class RunStatus(NamedTuple):
@@ -90,18 +91,31 @@ def _status_of(flight: Flight[Posed], trajectory: Trajectory) -> RunStatus:
         return _of_committed(cast("CommittedDecision", trajectory.decisions[-1]))
     if flight.posed.open_loop:
         return _of_one_plan(flight, trajectory, unproven)
+    return _of_loop(flight, trajectory, unproven)
+
+
+def _of_loop(flight: Flight[Posed], trajectory: Trajectory, unproven: str) -> RunStatus:
+    """Return the status of a closed loop, by the steps that found feasible plans."""
     found = [d.has_feasible_plans for d in trajectory.decisions if planned(d)]
     infeasible, linear = found.count(False), len(trajectory.decisions) - len(found)
-    more = _searched(trajectory) + _stopped(trajectory) + unproven
+    ramps = _named_ramps(flight.posed)
+    more = _searched(trajectory) + _stopped(trajectory) + unproven + ramps
     if not infeasible:
         under = f", {counted(linear, 'step')} under the linear law" if linear else ""
         more = under + more
         said = "every planned step found a feasible plan"
     elif infeasible == len(found):
-        more = _stopped(trajectory) + unproven
+        more = _stopped(trajectory) + unproven + ramps
         said = "no step found a feasible plan"
     else:
         said = f"{infeasible} of {len(found)} planned steps found no feasible plan"
+    explained = {
+        Paragraph.NO_STEP: bool(found) and not any(found),
+        Paragraph.SOME_STEPS: any(found) and not all(found),
+        Paragraph.WITHIN: bool(trajectory.stopped_steps),
+        Paragraph.NOT_CERTIFIED: bool(unproven),
+        Paragraph.RAMP: bool(ramps),
+    }
     return RunStatus(
         # Usable also if the linear law did all steps, and no plan was made.
         infeasible < len(found) or not infeasible,
@@ -109,21 +123,13 @@ def _status_of(flight: Flight[Posed], trajectory: Trajectory) -> RunStatus:
         found=said,
         more=more,
         all_found=not infeasible,
-        paragraphs=_of_steps(found, trajectory, unproven),
+        paragraphs=tuple(one for one, is_so in explained.items() if is_so),
     )
 
 
-def _of_steps(
-    found: list[bool], trajectory: Trajectory, unproven: str
-) -> tuple[Paragraph, ...]:
-    """Return what explains a closed loop: whether each planned step found a plan."""
-    explained = {
-        Paragraph.NO_STEP: bool(found) and not any(found),
-        Paragraph.SOME_STEPS: any(found) and not all(found),
-        Paragraph.WITHIN: bool(trajectory.stopped_steps),
-        Paragraph.NOT_CERTIFIED: bool(unproven),
-    }
-    return tuple(one for one, is_so in explained.items() if is_so)
+def _named_ramps(posed: Posed) -> str:
+    """Return the signals that first plans take as linear, in words; empty without."""
+    return "".join(f"; {ramp}" for ramp in posed.ramps[:_MOST_RAMPS])
 
 
 def _of_committed(last: CommittedDecision) -> RunStatus:
@@ -164,7 +170,7 @@ def _of_one_plan(
     more, differs = "", flight.posed.differs
     if differs:
         more = ", for the model it was made with: the simulated system is another"
-        more += "".join(f"; {ramp}" for ramp in flight.posed.ramps[:_MOST_RAMPS])
+        more += _named_ramps(flight.posed)
     more += unproven
     explained = (
         paragraph_of(answer.status, answer.reason),

@@ -8,7 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from swarmstart.arrays import Array
+from swarmstart.cases.commands.actions.checking import ramp_warnings
 from swarmstart.cases.commands.terminal import say
+from swarmstart.cases.format.document import printable
 from swarmstart.cases.format.scenario import Resolved, read_document, resolve
 from swarmstart.cases.kinds.flight import flight_of
 from swarmstart.cases.record.files import require_new
@@ -41,6 +43,8 @@ def c_files(options: argparse.Namespace) -> tuple[Path, Mapping[str, bytes]]:
     require_name(name)
     require_new([folder / f"{name}.{ending}"], "choose another --out")
     controller, x0, seen = controller_of(resolved, options.vehicle, seed)
+    for warning in ramp_warnings(resolved.posed()):
+        say(f"warning: {printable(resolved.scenario.name)}: {warning}")
     made = export_c(
         controller, x0, name=name, seen=seen, seed=seed, main=options.main,
         starts=16 if options.starts is None else options.starts,

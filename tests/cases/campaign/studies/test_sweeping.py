@@ -259,6 +259,17 @@ def test_a_sweep_leaves_a_record_that_is_read_back(
     assert (kept.controls == again.controls)[..., [0, 2]].all()
 
 
+def test_signals_that_plans_take_as_ramps_are_named(
+    made: Make, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    price = "signals: {price: {times: [0, 0.9], values: [1, 3], between: hold}}\n"
+    base = price + BASE.replace("stage_cost: u**2", "stage_cost: price*u**2")
+    file = made("{grid: {x: [0, 1]}}", base=base)
+    assert main(["sweep", file, "-q", "--out", str(tmp_path / "out")]) == DONE
+    words = "warning: mine: price jumps or bends between 0.75 s and 1 s"
+    assert words in capsys.readouterr().err
+
+
 def test_a_folder_of_another_sweep_is_refused_and_forced(
     made: Make, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

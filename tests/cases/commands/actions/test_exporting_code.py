@@ -91,6 +91,17 @@ def test_options_of_c_are_refused_with_a_trajectory(
         assert f"{words[0]}: expected export c with it" in capsys.readouterr().err
 
 
+def test_signals_that_the_code_takes_as_ramps_are_named(
+    cart: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    price = "signals: {price: {times: [0, 0.3], values: [1, 3], between: hold}}\n"
+    cart.write_text(price + CART.replace("0.1*f**2", "0.1*price*f**2"))
+    assert exported(cart, "--out", tmp_path / "out", "--starts", "0") == 0
+    assert "cart: price jumps or bends between 0.25 s and 0.5 s" in (
+        capsys.readouterr().err
+    )
+
+
 def test_a_member_of_a_team_is_exported_with_the_plans_it_sees(tmp_path: Path) -> None:
     """UAV 3 plans past the plans of two others, which are its signals."""
     words = ("--set", "search.when=needed", "--starts", "0", "--out", tmp_path / "out")

@@ -360,6 +360,17 @@ def test_a_limit_that_jumps_between_checks_is_another_for_the_simulated_system()
     assert kept_constraints(finished).startswith("Constraints are broken: largest")
 
 
+def test_a_closed_loop_whose_plans_take_a_ramp_names_it() -> None:
+    receding = "feedback: receding_horizon\nsteps: 2\n"
+    late = FALLING.replace("[0, 2]", "[0, 1.95]", 1) + receding
+    finished = run(stated(late), seed=0)
+    words = "found a feasible plan; low jumps or bends between 1 s and 2 s, where plans"
+    assert words in finished.status
+    assert finished.ended.paragraphs == (Paragraph.RAMP,)
+    held = run(stated(FALLING + receding), seed=0)
+    assert "jumps" not in held.status and not held.ended.paragraphs
+
+
 def test_a_limit_that_jumps_at_the_end_of_an_interval_is_kept_until_then() -> None:
     finished = run(stated(FALLING), seed=0)
     assert "another" not in finished.status
