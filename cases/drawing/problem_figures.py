@@ -51,7 +51,14 @@ from swarmstart.cases.drawing.plan_figures import (
 )
 from swarmstart.cases.drawing.planning import draw_planning
 from swarmstart.cases.drawing.sheet import MOST_IN_PART, Part, panels_part, sheet
-from swarmstart.cases.drawing.slack import Slack, moving_bounds, slack_figure, slacks
+from swarmstart.cases.drawing.signal_panels import signals_of_run, signals_of_solution
+from swarmstart.cases.drawing.slack import (
+    Slack,
+    moving_bounds,
+    moving_bounds_of,
+    slack_figure,
+    slacks,
+)
 from swarmstart.cases.drawing.tracks import Scene, draw_phase_plane
 from swarmstart.cases.drawing.vehicles import directions_of
 from swarmstart.cases.record.trajectory_arrays import held_controls
@@ -157,6 +164,9 @@ def _figures(
     outputs = _outputs(flown.trajectory, flown.labels)
     if outputs:
         yield "h_outputs", panels_figure({"outputs": outputs}, flown.labels)
+    signals = signals_of_run(flown)
+    if signals:
+        yield "i_signals", panels_figure({"signals": signals}, flown.labels)
 
 
 def _whole(
@@ -342,7 +352,9 @@ def _within(row: Slack, labels: Labels, steps: int) -> Slack:
 def draw_solution(
     solution: Solution, *, units: Mapping[str, str] | None = None
 ) -> "Figure":
-    """Return a figure of the verified states, controls and outputs, with bounds.
+    """Return a figure of the verified states, controls, outputs and signals.
+
+    States and controls have their bounds.
 
     Args:
         solution: The solution.
@@ -353,18 +365,22 @@ def draw_solution(
     instants = np.linspace(0.0, solution.times[-1], problem.intervals + 1)
     (lower, upper), on_controls = stacked_limits([problem])
     shown = len(labels.states)  # Others are decided numbers and remembered values.
+    moving = moving_bounds_of(solution)
+    states = panels_of(
+        labels.states,
+        labels,
+        path.times,
+        path.states[:shown],
+        (lower[:shown], upper[:shown]),
+    )
+    controls = panels_of(
+        labels.controls, labels, instants, solution.controls, on_controls
+    )
     blocks = {
-        "states": panels_of(
-            labels.states,
-            labels,
-            path.times,
-            path.states[:shown],
-            (lower[:shown], upper[:shown]),
-        ),
-        "controls": panels_of(
-            labels.controls, labels, instants, solution.controls, on_controls
-        ),
+        "states": _with_moving(states, moving, "states"),
+        "controls": _with_moving(controls, moving, "controls"),
         "outputs": panels_of(solution.output_names, labels, path.times, path.outputs),
+        "signals": signals_of_solution(solution, labels),
     }
     return panels_figure(blocks, labels)
 

@@ -31,11 +31,19 @@ from swarmstart.cases.record.trajectory_arrays import (
     held_controls,
     new_plans,
 )
-from swarmstart.ocp import Constraint, Known, OptimalControlProblem, Plan, Trajectory
+from swarmstart.ocp import (
+    Constraint,
+    Known,
+    OptimalControlProblem,
+    Plan,
+    Solution,
+    Trajectory,
+)
 from swarmstart.ocp.loop import ReferenceSignals, rows_before_jumps
 from swarmstart.ocp.rollout import (
     Arguments,
     ConstraintRows,
+    Shooting,
     at_nodes,
     core_known,
     shared_arguments,
@@ -49,6 +57,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure, FigureBase
 
+_ROLES = {f"{MOVING}{role}": role for role in ("states", "controls")}
+"""Name of the constraint of a moving bound -> what it bounds."""
 KnownAt = Callable[[int], Known]
 """Number of a step -> parameters and signals of the plan made there."""
 
@@ -154,17 +164,57 @@ def moving_bounds(
         true: First signals over time, in the simulated system; None: those of plans.
     """
     shooting = shooting_of(problem)
-    core = shooting.problem
-    roles = {f"{MOVING}{role}": role for role in ("states", "controls")}
-    moving = [c for c in core.stated if c.name in roles]
-    if not moving:
+    if not _moving(shooting.problem):
         return []
-    times, arguments = _along(shooting.lowered, trajectory, known, true)
-    symbols, model = core.symbols(), shooting.stated.model
+    return _bounds(shooting, *_along(shooting.lowered, trajectory, known, true))
+
+
+def moving_bounds_of(solution: Solution) -> list[tuple[str, int, MovingBound]]:
+    """Return the bounds of a solution that change over time, along its finer path.
+
+    Args:
+        solution: The solution.
+
+    Returns:
+        As `moving_bounds`.
+    """
+    shooting, path = shooting_of(solution.problem), solution.path
+    core, lowered = shooting.problem, shooting.lowered
+    if not _moving(core):
+        return []
+    start = np.asarray(solution.plan.x0, dtype=np.float64)
+    _, p, flat = shared_arguments(core, start, core_known(lowered, solution.known))
+    since = path.times * (core.length / lowered.end_time(start))
+    signals = signals_between(core, at_nodes(core, flat), since)
+    n = path.times.size
+    controls = np.concatenate([path.controls, path.controls[:, -1:]], axis=1)
+    return _bounds(
+        shooting,
+        path.times,
+        (
+            path.states - lowered.origin[:, None],
+            controls,
+            np.tile(p[:, None], (1, n)),
+            signals,
+        ),
+    )
+
+
+def _moving(core: OptimalControlProblem) -> list[Constraint]:
+    """Return the bounds that change over time, as constraints."""
+    return [c for c in core.stated if c.name in _ROLES]
+
+
+def _bounds(
+    shooting: Shooting, times: Array, arguments: tuple[Array, Array, Array, Array]
+) -> list[tuple[str, int, MovingBound]]:
+    """Return moving bounds from states, controls, parameters, signals of the core."""
+    core, model = shooting.problem, shooting.stated.model
+    symbols = core.symbols()
     paths = {"states": (arguments[0], model.nx), "controls": (arguments[1], model.nu)}
     found = []
-    for constraint in moving:
-        role, rows = roles[constraint.name], constraint.rows(constraint.expression)
+    for constraint in _moving(core):
+        role, rows = _ROLES[constraint.name], constraint.rows(constraint.expression)
         values = ca.Function("rows", [*symbols.values()], [rows.values])(*arguments)
         path, count = paths[role]
         for i, upper in enumerate(rows.upper):

@@ -69,6 +69,7 @@ CAPTIONS = {
     "e_phase_plane": "One state over the other: the phase plane.",
     "e_tracks": "Tracks to scale, with marks of time; thin: the plans.",
     "h_outputs": "Outputs of the model over time.",
+    "i_signals": "Signals over time, as they are in the simulated system.",
     "f_searches": "Cost of the best point of each plan's search over evaluations; "
     "dashed: while it breaks limits.",
     "g_members": "States of the first plan for every member of the uncertain "
