@@ -10,36 +10,45 @@ oscillator, a drone, a boat, two tanks, a cart with a pendulum, and a rocket.
 
 from __future__ import annotations
 
+import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import casadi as ca
+import fmpy
 import numpy as np
+from fmpy import fmi2
 
 import swarmstart as ss
 from swarmstart.arrays import Array
 from swarmstart.benchmarks.tables import command_of, head, page_options, publish, row
+from swarmstart.export.controller.exported import compiler_command
+from swarmstart.tests.simulators import pendulum
 
 ROLLOUTS = 500
 NEAR = 0.01
 """Excess over the optimum that is near."""
 FIRST_SEED = 1
+SLOW = 1000
+"""Steps of the integrator in a step of a simulator that takes long."""
 TEXT = "# Plans for simulators\n\n"
 
 
 class Integrated:
     """A simulator whose formula its user does not know."""
 
-    def __init__(self, model: ss.Model, dt: float) -> None:
+    def __init__(self, model: ss.Model, dt: float, substeps: int = 10) -> None:
         """Compile its steps.
 
         Args:
             model: The formula.
             dt: Length of a step [s].
+            substeps: Number of steps of the integrator in it.
         """
-        self._plant = ss.Plant(model, dt=dt, substeps=10)
+        self._plant = ss.Plant(model, dt=dt, substeps=substeps)
 
     def step(self, x: Array, u: Array, dt: float) -> Array:
         """Return the state after a step."""
@@ -65,9 +74,10 @@ class Case:
     true: ss.OptimalControlProblem
     x0: Array
 
-    def simulator(self) -> Integrated:
+    def simulator(self, substeps: int = 10) -> Integrated:
         """Return the simulator."""
-        return Integrated(self.true.model, self.problem.dt / self.problem.checks)
+        step = self.problem.dt / self.problem.checks
+        return Integrated(self.true.model, step, substeps)
 
 
 def reactor() -> Case:
@@ -277,6 +287,80 @@ def finding(worst: Mapping[str, Mapping[str, float]], seeds: int) -> str:
     return found + "."
 
 
+def with_workers() -> str:
+    """Return how much faster a search is with two worker processes, in words."""
+    case = reactor()
+    slow = case.simulator(SLOW)
+    spent, controls = [], []
+    for workers in (1, 2):
+        begun = time.perf_counter()
+        found = ss.solve_simulated(
+            case.problem, slow, case.x0, rollouts=400, surrogate=False,
+            search="lshade", workers=workers, seed=FIRST_SEED, progress=False,
+        )  # fmt: skip
+        spent.append(time.perf_counter() - begun)
+        controls.append(found.controls)
+    same = "the same plan" if np.array_equal(*controls) else "another plan"
+    return (
+        f"**Workers.** L-SHADE with 400 roll-outs of {spent[0] / 0.4:.0f} ms each (the "
+        f"reactor, integrated in smaller steps) takes {spent[0]:.1f} s with one worker "
+        f"process and {spent[1]:.1f} s with two, {spent[0] / spent[1]:.2f} times less, "
+        f"and finds {same}."
+    )
+
+
+def of_an_fmu() -> str:
+    """Return how much time `FmuPlant` adds to the calls of FMPy, in words."""
+    count, h = 20_000, 0.1
+    ours, theirs = [], []
+    with tempfile.TemporaryDirectory() as folder:
+        file = pendulum.built(Path(folder), "2.0", compiler_command())
+        plant = ss.FmuPlant(file, states=["angle", "speed"], controls=["torque"])
+        slave = opened_by_fmpy(file, folder)
+        torques = np.random.default_rng(0).uniform(-1, 1, (count, 1))
+        for _ in range(5):
+            x = plant.start_at([0.25, 0.0])
+            begun = time.process_time()
+            for torque in torques:
+                x = plant.step(x, torque, h)
+            ours.append(time.process_time() - begun)
+            slave.reset()
+            slave.setupExperiment(startTime=0.0)
+            slave.enterInitializationMode()
+            slave.exitInitializationMode()
+            begun, now = time.process_time(), 0.0
+            for torque in torques:
+                slave.setReal([1], torque.tolist())
+                slave.doStep(now, h)
+                found = slave.getReal([2, 3])
+                now += h
+            theirs.append(time.process_time() - begun)
+            if found != x.tolist():
+                raise AssertionError("expected the same states")
+        plant.close()
+        slave.freeInstance()
+    each, own = (1e6 * float(np.median(one)) / count for one in (ours, theirs))
+    return (
+        f"**FMU.** A step of a pendulum as an FMU takes {each:.1f} us by `FmuPlant` "
+        f"and {own:.1f} us by FMPy's own calls for the same ({each / own:.2f} times; "
+        f"medians of 5 runs of {count} steps in turn, with the same bits)."
+    )
+
+
+def opened_by_fmpy(file: Path, folder: str) -> Any:
+    """Return an FMU of version 2.0, opened by FMPy alone."""
+    described = fmpy.read_model_description(str(file))
+    slave = fmi2.FMU2Slave(
+        guid=described.guid, unzipDirectory=fmpy.extract(str(file), f"{folder}/open"),
+        modelIdentifier=described.coSimulation.modelIdentifier, instanceName="alone",
+    )  # fmt: skip
+    slave.instantiate()
+    slave.setupExperiment(startTime=0.0)
+    slave.enterInitializationMode()
+    slave.exitInitializationMode()
+    return slave
+
+
 def page(seeds: int, command: str) -> list[str]:
     """Return the lines of the page below its title."""
     which = range(FIRST_SEED, FIRST_SEED + seeds)
@@ -308,6 +392,12 @@ def page(seeds: int, command: str) -> list[str]:
         "were chosen. With these settings its plans end within 0.7% of the optimum "
         "with two seeds. Crane and fermenter were added last: they were stated, and "
         "then run once, without a change.",
+        "",
+        "## Workers and FMUs",
+        "",
+        with_workers(),
+        "",
+        of_an_fmu(),
         "",
     ]  # fmt: skip
 
