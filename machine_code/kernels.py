@@ -103,7 +103,7 @@ def prepare(function: Callable[..., object], *arguments: object) -> None:
 
 
 def is_kernel(function: Callable[..., object]) -> bool:
-    """Return whether Numba compiles a function: one of this module, or of its own."""
+    """Return whether Numba compiles a function, through this module or directly."""
     if isinstance(function, Deferred):
         return True
     from swarmstart.machine_code import numba_kernels

@@ -187,7 +187,7 @@ class _Kernel(CPUDispatcher):
             return super().compile(sig)
 
     def add_overload(self, cres: Any) -> None:
-        """Take code in; Python finds it only if it has an entry for Python."""
+        """Keep compiled code; Python finds it only if the code has an entry for it."""
         if _is_inner(cres):
             self.overloads[tuple(cres.signature.args)] = cres
         else:

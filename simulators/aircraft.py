@@ -117,7 +117,7 @@ class AircraftPlant(Called):
         state_names: Names of the states, with the aircraft's number if there are
             several.
         control_names: Names of the set points, likewise.
-        bounds: Least and largest values of the set points, each (nu,); infinite.
+        bounds: Least and largest values of the set points, each (nu,); all infinite.
 
     Example:
         >>> import swarmstart as ss

@@ -92,6 +92,14 @@ def require_start(
 ) -> None:
     """Raise if a simulator does not begin at the state that is asked for.
 
+    Args:
+        simulator: The simulator, for the message.
+        asked: The state asked for, shape (nx,).
+        found: The state at which the simulator begins, shape (nx,).
+        names: Names of the states.
+        near: Largest allowed difference, relative to the larger of 1 and the value
+            asked for.
+
     Raises:
         SimulatorError: If a state differs; the message has those that do.
     """

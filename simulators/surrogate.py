@@ -64,11 +64,13 @@ class RollOut(NamedTuple):
 
 
 class Fit(NamedTuple):
-    """A fitted correction.
+    """A fitted correction, x' = f(x, u, p) + W m(((x, u) - centre) / size) + r(t).
 
     Attributes:
-        parameters: W, centre and size, after the model's own parameters.
-        rest: r at the start and after each step, shape (nx, steps + 1).
+        parameters: Factors W of the monomials m, then centre and size of states and
+            controls, to be appended to the model's own parameters p.
+        rest: Errors r that W leaves along the roll-out of the largest weight, at the
+            start and after each step, shape (nx, steps + 1).
         degree: Degree of the polynomials.
         error: Root mean square of the errors of steps that the fit has not seen,
             relative to the change of the state in a step.

@@ -231,7 +231,7 @@ class _Worker:
                 left = left[os.write(self._to, left) :]
 
     def answer(self) -> Any:
-        """Return an answer, None without one yet, or a failure if it has ended."""
+        """Return an answer, None before it comes, or a failure if the process ended."""
         while select.select([self.file], [], [], 0)[0]:
             part = os.read(self.file, _PART)
             if not part:

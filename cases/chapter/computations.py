@@ -54,8 +54,9 @@ class NotAFormationError(SwarmstartError, ValueError):
 def de_absorption(job: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     """Return the exact probability that DE/rand/1 ever finds the optimum of a trap.
 
-    The evolution starts from four uniform individuals, with F = 0.5 and clip. The
-    probability is returned without and with random immigrants.
+    The evolution starts from four individuals drawn uniformly. The weight of the
+    difference is F = 0.5, and a mutant outside of the grid is moved to the nearest grid
+    point. The probability is returned without and with random immigrants.
     """
     del job, folder
     plain = absorption(build_chain(GridDE(costs=TRAP, size=4, F=0.5)))
@@ -71,10 +72,12 @@ def de_absorption(job: Mapping[str, Any], folder: Path) -> dict[str, Any]:
 
 
 def input_levels(job: Mapping[str, Any], folder: Path) -> dict[str, Any]:
-    """Return the excess of inputs over bounds on the terminal set, in two readings.
+    """Return the largest ratio of an input to its bound on two terminal sets.
 
-    (5.14) as printed has alpha K P K'; the line before it, (5.13), bounds K e by
-    K alpha^(1/2) P^(-1/2), that is by alpha K P^-1 K'.
+    The law is u = u_ref - K e, and a set is e'Pe <= alpha. The sets differ in the level
+    alpha, by two readings of the chapter: equation (5.14) as printed has alpha K P K';
+    the line before it, (5.13), bounds K e by K alpha^(1/2) P^(-1/2), that is, the
+    square of K e by alpha K P^-1 K'.
     """
     del job, folder
     printed, reference = _printed_law()

@@ -197,7 +197,12 @@ def fixed_points(chain: MarkovChain) -> Mask:
 
 
 def absorption(chain: MarkovChain) -> Absorption:
-    """Compute the probability that an optimum is ever reached, h = (I - Q)^-1 b."""
+    """Compute the probability that an optimum is ever reached, h = (I - Q)^-1 b.
+
+    Q has the probabilities of transitions between the states without an optimum from
+    which an optimum can be reached, and b their probabilities to reach one in one
+    generation. From the other states without an optimum the probability is 0.
+    """
     undecided = ~dead_states(chain) & ~chain.optimal
     by_state = chain.optimal.astype(np.float64)
     # by_state is 1 at the optima and 0 elsewhere, so the product is b.
@@ -211,7 +216,12 @@ def absorption(chain: MarkovChain) -> Absorption:
 
 
 def hitting_times(chain: MarkovChain) -> HittingTimes:
-    """Compute the expected time until an optimum is reached, T = (I - Q)^-1 1."""
+    """Compute the expected number of generations until an optimum is reached.
+
+    It is T = (I - Q)^-1 1, with a vector of ones, and the probabilities Q of
+    transitions between the states without an optimum from which no dead state can be
+    reached. From all other states without an optimum it is infinite.
+    """
     # A dead state on the way makes the expectation infinite.
     may_fail = _reaching(chain, dead_states(chain))
     by_state = np.where(may_fail, np.inf, 0.0)
@@ -223,7 +233,10 @@ def hitting_times(chain: MarkovChain) -> HittingTimes:
 
 
 def spectral_radius(chain: MarkovChain) -> float:
-    """Compute the largest modulus of an eigenvalue of Q; 1 if a state is dead."""
+    """Compute the largest modulus of an eigenvalue of Q; 1 if a state is dead.
+
+    Q is the block of the transition matrix over the states without an optimum.
+    """
     return float(np.abs(np.linalg.eigvals(_block(chain, ~chain.optimal))).max())
 
 
@@ -236,6 +249,9 @@ def miss_probabilities(chain: MarkovChain, generations: int) -> Array:
 
     Returns:
         Largest entry of Q^t 1 for t = 0, ..., generations, shape (generations + 1,).
+        Q is the block of the transition matrix over the states without an optimum, and
+        1 a vector of ones: an entry is the probability to be without an optimum in all
+        of the first t generations.
 
     Raises:
         InvalidSettingsError: If `generations` is no integer or negative.

@@ -75,7 +75,9 @@ def answer(text: str) -> None:
 
 
 def finish() -> None:
-    """Flush both streams: at its end, Python would report a failure in its own words.
+    """Flush standard output and standard error.
+
+    Python flushes them at its end, too, but reports a failure in its own words.
 
     Raises:
         OutputError: If standard output cannot be written.
@@ -176,7 +178,10 @@ def wrapped_table(rows: Sequence[tuple[str, ...]]) -> list[str]:
 
 @contextlib.contextmanager
 def first_sign(*, quiet: bool) -> Iterator[None]:
-    """Print after a moment that the command is at work, and what is compiled."""
+    """Context that says after a moment that the command is at work.
+
+    It also prints the name of each thing that is compiled meanwhile.
+    """
     if quiet:
         yield
         return
@@ -448,5 +453,5 @@ class _Saying(logging.Handler):
     """A handler that prints log records of the library as the command line does."""
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Print a record."""
+        """Print a message of the library's log."""
         say(record.getMessage())

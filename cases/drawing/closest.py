@@ -2,6 +2,8 @@
 
     to an obstacle      |p - c| - r      of two vehicles      |p - q|, at the same time
 
+with positions p and q of vehicles, and centre c and radius r of the obstacle.
+
 A distance of less than 2 % of the picture's larger side can hardly be seen. Each
 nearest approach with such a distance has a panel of its own beside the tracks.
 """

@@ -78,7 +78,7 @@ class Draw(Protocol[S_contra, F_contra]):
         formats: Sequence[str] = PNG,
         progress: ProgressCallback = tell_nothing,
     ) -> list[Path]:
-        """Draw."""
+        """Draw the run into files in the folder; return the files, in order."""
 
 
 def new_figure(size: tuple[float, float] = (7.0, 4.0)) -> "Figure":
@@ -336,7 +336,8 @@ def make_logarithmic(axes: "Axes", values: Array, *, ratio: float = 100.0) -> No
     Args:
         axes: The panel.
         values: Values that are drawn in the panel.
-        ratio: Least ratio of the largest value to the smallest.
+        ratio: The axis becomes logarithmic if the largest value is more than this
+            multiple of the smallest.
     """
     finite = values[np.isfinite(values)]
     # Not if a value is 0 or negative: it would vanish from the panel.

@@ -26,9 +26,10 @@ _MARKS = "x", "v", "s"
 def draw_solutions(solutions: Solutions) -> "Figure":
     """Return a figure of the cost over the first two data that differ.
 
-    If only one of the data differs, the cost is on the vertical axis; if none differs,
-    the cost is drawn over the number of the instance. On a vertical axis failures are
-    drawn at their cost, or at the bottom if that is not finite.
+    Colours show the cost if two of the data are on the axes. If only one of the data
+    differs, the cost is on the vertical axis; if none differs, the cost is drawn over
+    the number of the instance. If the cost is on the vertical axis, failures are drawn
+    at their cost, or at the least confirmed cost if theirs is not finite.
 
     Args:
         solutions: The answers.

@@ -49,7 +49,7 @@ def cleaned(text: str) -> str:
 
 
 def hashed(text: str) -> "Markup":
-    """Return the source of a policy that allows this style sheet or script.
+    """Return the hash by which a page's policy allows this style sheet or script.
 
     Source: Content Security Policy Level 3, section 2.3.1 (hash-source).
     """

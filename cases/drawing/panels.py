@@ -52,7 +52,8 @@ class Labels:
         units: Unit by name; a quantity without a unit is missing.
         vehicles: Name of each vehicle; states and controls come vehicle after vehicle.
         numbers: Number of each vehicle's colour; None means from 0 on.
-        maximize: Whether costs are values that the user maximises, times -1.
+        maximize: Whether the user maximises; costs are then the maximised values times
+            -1.
         ends: Times at which phases end, without the last phase [s].
         spans: Suffix of the names of a phase's constraints -> number of the phase's
             first interval, and of the one after its last.
@@ -159,7 +160,9 @@ class Panel:
 
 
 def without_tails(*blocks: Sequence[Panel]) -> list[list[Panel]]:
-    """Return blocks of panels without the end in which nothing happens in any of them.
+    """Return blocks of panels without the end of the run if nothing happens there.
+
+    Nothing happens if every line in the panels goes on as a straight line.
 
     Args:
         blocks: Panels of one run.
@@ -339,7 +342,8 @@ def draw_bounds(axes: "Axes", panel: Panel) -> None:
     """Draw the bounds dotted and the space beyond them grey.
 
     Bounds so far away that the values would be hard to see are not drawn but named.
-    Bounds that differ between vehicles have the colours of these, and nothing is grey.
+    If bounds differ between vehicles, each has the colour of its vehicle, and the space
+    beyond it stays white.
     """
     near, far = bounds_of(panel)
     for bound, own in near:
@@ -381,8 +385,9 @@ def _reach(panel: Panel) -> tuple[float, float]:
 def bounds_of(panel: Panel) -> tuple[list[tuple[float, str]], list[float]]:
     """Return the finite bounds near the values with their colours, and those far away.
 
-    A bound that all vehicles share is grey. If there are more vehicles than colours,
-    the tightest and the widest bounds are returned, in grey too.
+    A bound that all vehicles share is grey. If bounds differ, and there are more
+    vehicles than colours, only the tightest and the widest bounds are returned, in
+    grey.
     """
     least, most = _reach(panel)
     pairs = np.stack([panel.lower, panel.upper], axis=1)

@@ -78,8 +78,8 @@ class Flown:
         labels: The words on the axes.
         known: Function from the number of a step, and of a problem, to the parameters
             and signals of the plan.
-        true: First signals of each problem over time, in the simulated system; empty or
-            None: those of the plans.
+        true: First signals of each problem over time, as the simulated system has them.
+            None, or an empty sequence, means that they are those of the plans.
     """
 
     problems: tuple[OptimalControlProblem, ...]
@@ -89,7 +89,7 @@ class Flown:
     true: Sequence[ReferenceSignals | None] = ()
 
     def signals_of(self, number: int) -> ReferenceSignals | None:
-        """Return the true signals of a problem; None if the plans' ones count."""
+        """Return a problem's signals in the simulated system; None: as in plans."""
         return self.true[number] if self.true else None
 
     def parts(self) -> Iterator[tuple[OptimalControlProblem, Trajectory, KnownAt]]:
@@ -142,7 +142,10 @@ class PlanPath:
 
 
 def plan_paths(flown: Flown) -> list[PlanPath]:
-    """Return paths of plans at MOST_PLANS steps at most; missing ones are computed."""
+    """Return paths of plans at MOST_PLANS steps at most.
+
+    If the run does not contain the states of a plan, they are computed.
+    """
     steps = chosen(flown.fresh)
     paths = []
     for problem, flight, known in flown.parts():
@@ -325,7 +328,9 @@ def by_violation(costs: Array, violations: Array) -> tuple[Array, Array]:
             are not known; no point then counts as breaking a limit.
 
     Returns:
-        Two arrays of shape (n,), each with NaN at the points of the other.
+        Two arrays of shape (n,), with NaN in place of costs that belong to the other
+        array. After each stretch of points that break limits, the next cost is in both
+        arrays, since the line of that stretch ends there.
     """
     if violations.shape != costs.shape:
         return costs, np.full(costs.shape, np.nan)
@@ -338,8 +343,8 @@ def by_violation(costs: Array, violations: Array) -> tuple[Array, Array]:
 def optima_of(plan: Plan) -> tuple[Array, Array]:
     """Return costs of the distinct local optima, and how many starts ended in each.
 
-    Without a count of optima the answers of the local solver from its starts are
-    returned, each found once.
+    If the optima were not counted, the feasible answers of the local solver from its
+    starts are returned instead, with the number 1 each.
 
     Returns:
         Costs, as minimised, ascending, and numbers of starts that ended there, shape

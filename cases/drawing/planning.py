@@ -108,8 +108,8 @@ def draw_planning(
     Args:
         part: A figure, or a part of one, that is empty.
         trajectory: The run, with decisions.
-        names: Names of the planners; with another number of names planners are
-            numbered.
+        names: Names of the planners. If there are more or fewer names than planners,
+            the planners are numbered instead.
         given: Numbers of planners that carry out plans given to them.
     """
     codes = sources_of(trajectory, given)

@@ -111,7 +111,8 @@ def slacks(
         problem: The problem that is planned.
         trajectory: States and controls of this problem's model.
         known: Parameters and signals of each plan.
-        true: First signals over time, in the simulated system; None: those of plans.
+        true: First signals over time, as the simulated system has them; None means that
+            they are those of the plans.
     """
     shooting = shooting_of(problem)
     lowered, problem = shooting.lowered, shooting.problem
@@ -161,7 +162,8 @@ def moving_bounds(
         problem: The problem that is planned.
         trajectory: States and controls of this problem's model.
         known: Parameters and signals of each plan.
-        true: First signals over time, in the simulated system; None: those of plans.
+        true: First signals over time, as the simulated system has them; None means that
+            they are those of the plans.
     """
     shooting = shooting_of(problem)
     if not _moving(shooting.problem):
@@ -242,7 +244,7 @@ def arguments_of(
 
     Args:
         lowered: The problem with its core, that is, the problem after all rewrites.
-        plan: The plan; None without one.
+        plan: The plan; None if there is no plan.
         trajectory: The run.
         step: Number of the step at which the plan was made.
         known: Parameters and signals of each plan.

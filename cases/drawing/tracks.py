@@ -151,7 +151,7 @@ def inside_discs(scene: Scene) -> NDArray[np.bool_]:
 
 
 def mark_times(times: Array) -> Array:
-    """Return round times of marks between the first and the last, without the first.
+    """Return round times for marks: after the first instant, and up to the last.
 
     Args:
         times: Instants, shape (T,) [s].
@@ -251,7 +251,9 @@ def distances_figure(
     linked: Array | None = None,
     limits: Mapping[str, float],
 ) -> "Figure":
-    """Return a figure of the distances of all pairs of UAVs; of many, the extremes.
+    """Return a figure of the distances of all pairs of UAVs.
+
+    Of many pairs only the extremes are drawn.
 
     Args:
         times: Instants, shape (T,) [s].

@@ -28,14 +28,13 @@ _STRAIGHT = 1e-9
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class VehicleRows:
-    """Names of the states and the controls of one vehicle, and their rows.
+    """Names of the states and the controls of one vehicle, and their rows in a flight.
 
     Attributes:
         vehicles: Name of each vehicle.
-        states: Names of the states of one vehicle, and the row of each for all
-            vehicles.
-        controls: Names of the controls of one vehicle, and the row of each for all
-            vehicles; -1 for a vehicle without this control.
+        states: Name of a state of one vehicle -> its row for each of the vehicles.
+        controls: Name of a control of one vehicle -> its row for each of the vehicles;
+            -1 for a vehicle without this control.
         units: Unit by name of a state or control.
     """
 

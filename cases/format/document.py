@@ -220,7 +220,7 @@ def printable(text: str) -> str:
 
 
 def kind_of(node: Node) -> str:
-    """Return a word for users for what a node is, if it is not a mapping."""
+    """Return the content of a node in words for a message; the node is no mapping."""
     content = node.content
     if content is None:
         return "null"

@@ -206,7 +206,7 @@ def parse(
         text: At most `MAX_CHARACTERS` long.
         of_paths: Whether `REDUCTIONS`, `ENDS`, and min and max of one path are allowed.
         functions: More functions, name -> number of arguments; None allows any name as
-            a function, until the text is parsed again with the functions known.
+            a function, for a first parse before the functions are known.
 
     Returns:
         The tree; its names are not looked up yet.

@@ -156,7 +156,10 @@ def checked(document: Document, model: type[M]) -> M:
 def located_flaw(
     document: Document, path: tuple[str | int, ...], what: str | SwarmstartError
 ) -> Flaw:
-    """Return an error that concerns several parts, with the column in an expression."""
+    """Return an error that a check of several parts has found, with its place.
+
+    For an error in an expression, the place includes the column in the expression.
+    """
     if isinstance(what, str):
         return flaw_at(document, path, what)
     return _refused(document, path, what)

@@ -35,12 +35,16 @@ class ForeignFile:
 
 
 def file_below(given: object, folder: Path, suffix: str = "") -> Path | None:
-    """Return the path of a file in a folder or below; None if it is elsewhere.
+    """Return the path of a file in a folder or below.
 
     Args:
-        given: Text of a scenario.
+        given: The path as the scenario gives it.
         folder: The scenario's folder.
         suffix: End that the file's name must have; empty allows any name.
+
+    Returns:
+        The path; None if it leads elsewhere, or has another end, or is no text. It is
+        not checked whether the file exists.
     """
     if not (isinstance(given, str) and 0 < len(given) <= LONGEST):
         return None
@@ -55,7 +59,7 @@ def foreign_file(given: object, folder: Path, *, key: str, suffix: str) -> Forei
     """Return a file that a scenario names.
 
     Args:
-        given: Text of the scenario.
+        given: The path as the scenario gives it.
         folder: The scenario's folder.
         key: Key of the scenario that names the file, for messages.
         suffix: End that the file's name must have.

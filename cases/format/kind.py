@@ -69,8 +69,8 @@ class PosedAgent:
         watches: Numbers of the agents whose plans it uses; each of them plans before
             it.
         hears: Numbers of the agents whose committed plans and candidates are among its
-            signals, followed by a distance to keep in addition to the least one; see
-            `CommittedTeam`.
+            signals; see `CommittedTeam`. The last of these signals is then a distance
+            to keep in addition to the least one.
         shows: Rows of its states that other agents use: its position.
         previous: Control of the interval before the first, shape (nu,); None means the
             allowed one nearest to zero.
@@ -223,8 +223,8 @@ class Nearby:
         problems: Number of other agents -> planning problem with signals for that many.
         range: Distance within which an agent uses the plans of others [m].
         position: Rows of an agent's states that are its position.
-        links: Largest number of agents that an agent watches at any distance; the
-            problems have signals for so many.
+        links: Largest number of agents that an agent watches at any distance; each
+            problem has signals for these, too.
     """
 
     problems: Mapping[int, OptimalControlProblem]
@@ -287,7 +287,10 @@ class Posed:
 
     @property
     def planned(self) -> tuple[OptimalControlProblem, ...]:
-        """Problem of the plans of each agent; with `until` their length is given."""
+        """Problem of the plans of each agent.
+
+        If `until` is set, the length of a plan is given to the problem anew each time.
+        """
         problems = tuple(agent.problem for agent in self.agents)
         if self.until is None:
             return problems
@@ -305,7 +308,7 @@ class Posed:
 
     @property
     def differs(self) -> bool:
-        """True if the simulated system is another than that of the plans."""
+        """True if the simulated system differs from the model of the plans."""
         return self.plant.differs or bool(self.ramps)
 
     def known_by(self, number: int, time: float, seen: tuple[Array, ...] = ()) -> Known:
@@ -323,7 +326,10 @@ class Posed:
 
     @property
     def begins_anew(self) -> bool:
-        """True if an interrupted run begins anew, as its controller's state is lost."""
+        """True if an interrupted run has to begin anew.
+
+        The state of its controller is then lost.
+        """
         return self.controller is not None or self.committed is not None
 
 
@@ -388,10 +394,11 @@ class Flight(Generic[P_co]):
 
     @property
     def loop(self) -> RecedingHorizon:
-        """The loop that makes the plans, if one agent does.
+        """The loop that makes the plans of the one agent.
 
         Raises:
-            SeveralPlansError: If several agents plan.
+            SeveralPlansError: If there is no such loop: several agents plan, or the
+                controller is of another kind, such as one with a dual mode.
         """
         made = self.controller
         loop = made.loop if isinstance(made, OpenLoop) else made

@@ -21,7 +21,7 @@ _JUMPS = 0.1
 
 
 class Ramp(NamedTuple):
-    """A signal that plans take as linear or constant between two checks, but is not.
+    """A signal that jumps or bends where plans take it as linear or constant.
 
     Attributes:
         name: Name of the signal.
@@ -54,8 +54,9 @@ def ramps_of(
     """Return the first ramp of each signal that has one in the first plan.
 
     Args:
-        problem: The problem; of one whose end time is decided nothing is known.
-        reference: Times -> values of its first signals; None: it has none.
+        problem: The problem. If its end time is decided, the times of its checks are
+            not known, and no ramp is returned.
+        reference: Times -> values of the problem's first signals; None if it has none.
     """
     if reference is None or isinstance(problem.horizon, Free) or problem.clock:
         return []

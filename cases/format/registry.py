@@ -37,8 +37,8 @@ class KindWords:
         ending: "module:function" that returns a further sentence on the end of a run:
             (measures) -> text, which may be empty; an empty name means no sentence.
         kept: "module:function" that returns a sentence on the constraints, and whether
-            they are kept: (measures) -> (text, bool); empty means the function for
-            problems.
+            they are kept: (measures) -> (text, bool). Empty means a sentence on the
+            distances of a flight, or on the constraints of any other run.
         captions: Stem of a figure's file -> caption.
         costs: Names of measures that can be the cost of a run; the first defined one
             counts.
@@ -52,7 +52,8 @@ class KindWords:
         surroundings: "module:function" that returns what is around the vehicles:
             (scenario as recorded, times, positions, headings) -> Surroundings; empty
             means no surroundings.
-        for_pages: Settings of a scenario that is posed again to draw a page.
+        for_pages: Assignments to settings, as for --set, with which a recorded scenario
+            is posed again to draw its page.
     """
 
     kind: str = ""

@@ -124,7 +124,10 @@ class Resolved:
         return settings
 
     def planning_settings(self) -> dict[str, Any]:
-        """Return `anonymous_settings` without code that only simulations run."""
+        """Return `anonymous_settings`, without a plant that runs a user's code.
+
+        Planning does not run that code.
+        """
         settings = self.anonymous_settings()
         if self.code is not None and not self.kind.posed_by_code:
             settings.pop("plant")
@@ -315,7 +318,8 @@ def search_of(
 
     Raises:
         YamlError: If a value cannot be read.
-        InvalidScenarioError: If a value is not allowed, in the words for a scenario.
+        InvalidScenarioError: If a value is not allowed. The message is the same as for
+            a scenario file.
     """
     from swarmstart.cases.format.settings import Searching
 

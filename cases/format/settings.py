@@ -183,9 +183,9 @@ class SearchPart(Part):
         sampling: Method of drawing the rest of the first population; null means
             half_smooth.
         when: Plans that are searched if there is a polish: all of them (always); the
-            first, and those for which the polish of the last plan is not enough
-            (needed); or these without the first, if polishes from simple starts and
-            local solves from random starts agree on it (undecided).
+            first plan, and those for which the polish of the last plan is not enough
+            (needed); or as with needed, but without the first plan if polishes from
+            simple starts and local solves from random starts agree on it (undecided).
     """
 
     name: str
@@ -290,9 +290,9 @@ class Claim(Part):
         when: Settings, dotted key to value, of the runs that can judge the claim;
             without `steps` the run must be as long as the file says.
         variant: Variant of the scenario that can judge the claim; empty means any.
-        against: Settings of a second run with the same seed, by whose measure that of
-            the run is divided; null means no second run, and one run alone cannot judge
-            a claim that has one.
+        against: Settings of a second run with the same seed; the measure of the run is
+            divided by that of the second run, so that one run alone cannot judge the
+            claim; null means no second run.
         share: Part of the seeds, above 0 and at most 1, in which the claim must hold.
         gate: Option that makes the command end with exit code 3 if the claim does not
             hold.
@@ -366,7 +366,7 @@ class Scenario(Part):
         return 0
 
     def search_settings(self) -> SearchSettings | None:
-        """Return the search for a planner; None without one."""
+        """Return the search for a planner; None if there is no search."""
         return None
 
     def polish_options(self) -> IpoptOptions | NlpOptions | None:

@@ -158,7 +158,7 @@ def parse_value(text: str, *, name: str, depth: int) -> tuple[str, Node | None]:
         depth: Depth in the document at which the value will stand.
 
     Returns:
-        The text as it was read, and its node; None if there is no value in it.
+        The text as it was read, and its node; the node is None if there is no value.
 
     Raises:
         YamlError: If it is not what this format allows.

@@ -126,7 +126,10 @@ def reached(goal: Mapping[str, float]) -> list[Mapped]:
 
 
 def least_distance(points: Array) -> float:
-    """Return the least distance of two points, shape (n, 2); infinite for one."""
+    """Return the least distance between any two of n points, shape (n, 2).
+
+    It is infinite for a single point.
+    """
     away = np.linalg.norm(points[:, None] - points[None], axis=2)
     return float(away[~np.eye(len(points), dtype=bool)].min(initial=np.inf))
 

@@ -1,7 +1,7 @@
 """Families of hard problems, and the draws of them that are shipped.
 
-The shipped files have been returned by `draw` once. They are stored as files, and not
-drawn again, since the numbers that NumPy draws from a seed may change with its version.
+Each shipped file is the text that `draw` once returned. It is stored, and not drawn
+again, since the numbers that NumPy draws from a seed may change with its version.
 """
 
 import inspect
@@ -92,7 +92,7 @@ def draw(family: str, *, seed: int, **sizes: int) -> str:
 
 
 def shipped_text(name: str) -> str:
-    """Return the text of a shipped problem, as drawn now.
+    """Draw a shipped problem again, and return it as YAML.
 
     Args:
         name: A name of `SHIPPED`.

@@ -1,8 +1,8 @@
 """Swing-up with a weak motor: a pendulum gains its height in many swings.
 
 In units of the pendulum, angle'' = torque - sin(angle), with a torque that is a small
-part of gravity. Number and order of the swings are free, so are the sides on which the
-pendulum ends: it is upright at every odd multiple of pi.
+part of gravity. Number and order of the swings are free, and so is the angle at which
+the pendulum ends: it is upright at every odd multiple of pi.
 """
 
 import numpy as np

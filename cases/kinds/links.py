@@ -29,7 +29,7 @@ class LinksPart(Part):
     """Links: in every tick, a part of a step, each vehicle broadcasts to all others.
 
     Attributes:
-        ticks: Number of ticks, which are equal parts of a step, in a step.
+        ticks: Number of ticks, equally long, into which a step is divided.
         most_delay: Number of ticks by which a message can be late: it takes 1 to 1 +
             most_delay ticks.
         loss: Probability that a message is lost, for each receiver.

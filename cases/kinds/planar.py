@@ -124,7 +124,10 @@ def distance(a: PlanarState | Point, b: PlanarState | Point) -> float:
 
 
 def bank_flaws(turn: str, bank: Range) -> Iterator[LocatedFlaw]:
-    """Yield errors of a range of the bank: beyond pi/2 turns become weaker."""
+    """Yield an error if the bank can exceed pi/2, beyond which turns become weaker.
+
+    With the turn "tan" it must not reach pi/2 either.
+    """
     most = max(-bank.lower, bank.upper)
     # tan is infinite at pi/2, where sin is still allowed.
     if most > math.pi / 2 or (turn == "tan" and most == math.pi / 2):
@@ -169,11 +172,11 @@ def near_place_flaws(
     least: float,
     numbers: Sequence[int],
 ) -> Iterator[LocatedFlaw]:
-    """Yield errors for places of two UAVs that are too near to each other.
+    """Yield errors of positions of two UAVs that are too near to each other.
 
     Args:
         uavs: Parts of the scenario's key `uavs`.
-        places: Keys of their positions.
+        places: Keys of the positions to compare, such as start and goal.
         least: Smallest allowed distance [m].
         numbers: Numbers of the UAVs.
     """
@@ -245,6 +248,8 @@ def smallest(distances: Array) -> float | None:
 def flown_positions(path: DenseOutput, uavs: int) -> Array:
     """Return the positions of UAVs as piecewise curves, (uavs, 2, pieces, 6) [m].
 
+    Each piece has six Bernstein coefficients for each coordinate.
+
     Args:
         path: Path of the stacked states, uavs * 4 rows.
         uavs: Number of UAVs.
@@ -266,7 +271,7 @@ def smallest_pair_distance(positions: Array) -> float | None:
 def largest_pair_distance(
     positions: Array, *, pairs: Sequence[tuple[int, int]] | None = None
 ) -> float | None:
-    """Return the largest distance of two UAVs [m]; None without a pair.
+    """Return the largest distance of two UAVs [m]; None if there is no pair.
 
     Args:
         positions: As `flown_positions` returns them.
@@ -323,7 +328,8 @@ class Thrust:
     Attributes:
         drag: D, constant [N].
         weight: W [N], positive.
-        equation: "printed" or "newton"; see the module's docstring.
+        equation: "newton", a = g (T - D) / W, or "printed", a = (T - D) / W, with the
+            thrust T and the acceleration a.
     """
 
     drag: float
@@ -331,7 +337,7 @@ class Thrust:
     equation: ThrustEquation
 
     def acceleration(self, thrust: ca.SX | float) -> ca.SX | float:
-        """Return a [m/s^2] for a thrust [N]."""
+        """Return the acceleration [m/s^2] for a thrust [N]."""
         factor = GRAVITY_M_S2 if self.equation == "newton" else 1.0
         return factor * (thrust - self.drag) / self.weight
 

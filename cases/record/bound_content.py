@@ -30,7 +30,7 @@ def bound_content(
     Args:
         bound: The bound.
         beside: Gap between the answer and the bound.
-        certificate: Name of the certificate's file; None without one.
+        certificate: Name of the certificate's file; None without a certificate.
     """
     account = bound_account(bound, certificate=certificate)
     return {**_compared(beside), **account}

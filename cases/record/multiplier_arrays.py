@@ -11,8 +11,8 @@ Arrays of the last plans of an interrupted run, used to start its next plans:
 
     dual_steps, dual_rows, dual_bounds
 
-The arrays `dual_...` are kept for two steps: the last one, and the one whose number
-stands in the mark (partial.json) until a new mark is written.
+The arrays `dual_...` are kept for two steps: the last one, and the last one that the
+mark (partial.json) counts, since a new mark is written after the arrays.
 """
 
 from collections.abc import Mapping, Sequence
@@ -89,6 +89,8 @@ def _names(of: Mapping[str, object]) -> NDArray[Any]:
 def dual_arrays(trajectory: Trajectory, finished: int) -> dict[str, NDArray[Any]]:
     """Return the multipliers of the plans of two steps as arrays, padded with NaN.
 
+    The two are the last step that the mark counts, and the last step of all.
+
     Args:
         trajectory: The finished steps.
         finished: Number of steps in the mark (partial.json); 0 if there is no mark.
@@ -109,7 +111,7 @@ def dual_arrays(trajectory: Trajectory, finished: int) -> dict[str, NDArray[Any]
 
 
 def with_duals(steps: list[Step], arrays: Mapping[str, NDArray[Any]]) -> list[Step]:
-    """Return the steps, with the kept multipliers in the plans of the last step."""
+    """Return the steps; the plans of the last one get the multipliers in `arrays`."""
     if not steps or "dual_steps" not in arrays:
         return steps
     found = np.flatnonzero(arrays["dual_steps"] == len(steps) - 1)

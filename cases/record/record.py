@@ -80,7 +80,7 @@ class Recording:
             animation.
         force: Whether files of another run with the record's names are replaced. Other
             files are never touched.
-        figure_formats: Formats of each figure, of FIGURE_FORMATS.
+        figure_formats: Formats in which each figure is written, from FIGURE_FORMATS.
     """
 
     folder: Path

@@ -283,8 +283,9 @@ def control_rows(trajectory: Trajectory) -> Array | None:
 def held_controls(trajectory: Trajectory) -> tuple[Array, Array]:
     """Return times (n + 1,) [s], and the controls held between them, (nu, n).
 
-    The times are the control instants, or the plant's steps if a plan has other
-    intervals. Linear controls are given at these times, (nu, n + 1).
+    The times are the control instants. If the intervals of a plan differ from the
+    control intervals, the times are those of the plant's steps. Linear controls are
+    given at the times of these steps, (nu, n + 1).
     """
     decisions, steps = trajectory.decisions, trajectory.controls.shape[1]
     rows = control_rows(trajectory)

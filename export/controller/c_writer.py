@@ -67,23 +67,23 @@ class CWriter(VectorIR):
         self._is_own = form.bits == DOUBLE.bits
 
     def in_format(self, form: Format) -> "CWriter":
-        """Return this writer for any format: a file has one precision."""
+        """Return this writer, whatever the format, since a file has one precision."""
         del form
         return self
 
     def name(self, stem: str = "v") -> str:
-        """Return a name that is not taken."""
+        """Return a new name that begins with the stem."""
         return self.body.name(stem).removeprefix("%")
 
     def declared(self, kind: str, stem: str, expression: str) -> str:
-        """Declare a constant of a C type, as one operation; return its name."""
+        """Declare a constant of a C type, counted as one operation; return its name."""
         name = self.name(stem)
         self.line(f"const {kind} {name} = {expression};")
         self.operations += 1
         return name
 
     def real(self, expression: str) -> str:
-        """Declare a number, as one operation; return its name."""
+        """Declare a number, counted as one operation; return its name."""
         return self.declared("real", "v", expression)
 
     def constant(self, value: float) -> str:
@@ -144,14 +144,20 @@ class CWriter(VectorIR):
         return self.declared("bits_t", "i", f"{a} {_OF_INTEGERS[instruction]} {b}")
 
     def converted(self, value: str, given: Format, wanted: Format) -> str:
-        """Return the number itself: a file has one precision."""
+        """Return the value itself, since a file has one precision."""
         del given, wanted
         return value
 
     def beside(
         self, name: str, make: Callable[..., Sequence[str]], *arguments: str
     ) -> list[str]:
-        """Call a function that is written once into the file; return its values."""
+        """Call a function that is written once into the file; return its values.
+
+        Args:
+            name: Name of the function.
+            make: Function that writes the body, given a writer and the arguments.
+            *arguments: Arguments of the call.
+        """
         own = name.removeprefix("vector_")
         if own not in self.common:
             inner = CWriter(self.form, common=self.common)
@@ -178,8 +184,8 @@ class CWriter(VectorIR):
     def lane_by_lane(self, function: str, *arguments: str) -> str:
         """Return the value of a function that machine code takes from the C library.
 
-        The value is NaN, except for hypot, remainder and pow, which are written as a
-        few operations.
+        The C file does not call that library: hypot, remainder and pow are written
+        as a few operations, and the value of any other function is NaN.
         """
         if function == "hypot":
             a, b = arguments

@@ -107,7 +107,11 @@ class State(Protocol):
 
     @property
     def improved(self) -> Count:
-        """Number of the latest generation that improved `best` or the level, (1,)."""
+        """Number of the latest generation that counts as an improvement, shape (1,).
+
+        A generation counts if it improved `best`, or if the level of the order is still
+        above the tolerance after it. Here the initial population is number 1; 0: none.
+        """
 
 
 class CommonFields(NamedTuple):

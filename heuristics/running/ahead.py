@@ -44,7 +44,7 @@ class Helper:
     """A process that compiles a part of the kernels.
 
     Attributes:
-        part: Numbers of the `preparations` of a search that the helper does.
+        part: Indices of the tasks in `Search.preparations` that the helper does.
         process: The process; None if it could not be started.
     """
 
@@ -75,7 +75,7 @@ def compiled_ahead(
         algorithm: Settings of the algorithm.
         compiled: True if the search runs in the compiled loop, False if it runs in a
             loop in Python.
-        part: Numbers of the `preparations` of a search that the helper does.
+        part: Indices of the tasks in `Search.preparations` that the helper does.
 
     Yields:
         The helper; one without a process if none could be started.

@@ -27,7 +27,7 @@ def compile_part(pickled: bytes) -> None:
 
     Args:
         pickled: A pickle of (settings of the algorithm, True for the compiled loop,
-            numbers of the `preparations`).
+            indices of the tasks in `Search.preparations`).
     """
     algorithm, compiled, part = pickle.loads(pickled)
     jobs = smallest_search(algorithm).preparations(compiled=compiled)

@@ -124,7 +124,7 @@ class _Members:
         self._search, self._local, self._known = search, local, _Known()
 
     def improved(self, running: Running, budget: Budget) -> Array | None:
-        """Return points to suggest, if local solves are due and there is a member."""
+        """Run local solves if they are due; return the points found, or None."""
         local, known, spent = self._local, self._known, running.spent
         if not self._search.generations:  # No member is known yet.
             return None

@@ -305,7 +305,7 @@ class Running:
         return self._generation(progress, suggested)
 
     def ended(self, seconds: float) -> StopReason | None:
-        """Return the reason to stop after this wall time; None without one."""
+        """Return the reason to stop after this wall time; None to go on."""
         budget = self.budget
         reached = FINISHED[self._search.finished(budget.limits())]
         return reached or _used_up(self._search, budget, seconds)

@@ -379,7 +379,7 @@ class Search:
             self._asked = self._known = None
 
     def abandon(self) -> None:
-        """Drop a generation that was asked but not told, if there is one.
+        """Drop the generation whose values were not given to `tell`, if there is one.
 
         The next `ask` makes another one, with the random numbers that follow.
         """
@@ -507,8 +507,9 @@ class Search:
         """Return a copy of the whole state, to save and continue from.
 
         Raises:
-            AskTellError: If a generation was asked but not told yet, or if costs of the
-                initial population are known and it was not asked yet.
+            AskTellError: If the values of a generation were not given to `tell` yet, or
+                if costs of the initial population are known and `ask` was not called
+                yet.
         """
         if self._asked is not None or self._known is not None:
             raise AskTellError("snapshot() before tell(): a generation is under way")

@@ -245,7 +245,8 @@ class ChaoticPSO(OfFixedSize, BoundHandled):
       kept.
     - Step 7 ends "go to Step 4", which would initialise the swarm for ever; here Step 5
       follows.
-    - The text keeps particles in the box by `clip`, which keeps their velocities.
+    - Particles are kept in the box by `reflect`. The text uses `clip`, under which they
+      keep their velocities.
     - iter_k / iter_max of (5.19) is the fraction of the evaluation budget used.
 
     Attributes:

@@ -103,7 +103,8 @@ class CMAESState(NamedTuple):
             are used, n the number of variables that are not fixed. `Search` enlarges
             it.
         path_sigma: Path of the step size p_sigma, shape (n,).
-        decomposed: Age at which `axes` and `lengths` were computed, int64, shape (1,).
+        decomposed: Value of `age` when `axes` and `lengths` were last computed, int64,
+            shape (1,).
         ended: 1 if a criterion of `cma_restarts` holds, int64, shape (1,).
         restarts: Number of restarts so far, int64, shape (1,).
     """

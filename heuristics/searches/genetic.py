@@ -83,7 +83,10 @@ def propose(
     state: GeneticAlgorithmState,
     asked: Array,
 ) -> None:
-    """Make two children of each pair of parents; one of the last if size is odd."""
+    """Draw pairs of parents, and make two children of each pair.
+
+    If the size is odd, the last pair has one child.
+    """
     copy_points(state.population, asked)
     if state.generation[0] == 0:
         return

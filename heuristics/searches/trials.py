@@ -57,7 +57,10 @@ LARGEST_FLOAT = float(np.finfo(np.float64).max)
 
 
 class Plan(NamedTuple):
-    """The random choices for the trials of a generation; b, l, p, m as in the module.
+    """The random choices for the trials of a generation.
+
+    The mutant of a trial is x_b + F (x_l - x_b) + F (x_p - x_m), made from the
+    individuals x with the indices b, l, p and m.
 
     Attributes:
         base: Index b of each trial, shape (size,).
@@ -139,7 +142,9 @@ def draw_two_others(
 def cross_binomially(
     rng: np.random.Generator, CR: float, free: Count, mutated: Mask, i: int
 ) -> None:
-    """Take each coordinate from the mutant with probability CR, and a random free one.
+    """Take each coordinate from the mutant with probability CR.
+
+    One random coordinate of a variable that is not fixed is taken in any case.
 
     Args:
         rng: Source of randomness.
@@ -159,10 +164,11 @@ def cross_binomially(
 def cross_exponentially(
     rng: np.random.Generator, CR: float, free: Count, mutated: Mask, i: int
 ) -> None:
-    """Take a circular run from the mutant, from a random free coordinate on.
+    """Take successive coordinates from the mutant, beginning at a random free one.
 
-    After each coordinate the run goes on with probability CR. Column i of `mutated`
-    must be False before; arguments as in `cross_binomially`.
+    After each coordinate, the next one is taken, too, with probability CR; the first
+    coordinate follows the last. Column i of `mutated` must be False before; arguments
+    as in `cross_binomially`.
     """
     dim = mutated.shape[0]
     d = free[draw_index(rng, free.size)]
@@ -184,7 +190,7 @@ def fill_trials(
     """Compute the trials of a generation.
 
     Args:
-        rng: Source of randomness of the rule `redraw`.
+        rng: Source of randomness, used only if the settings repair bounds by `redraw`.
         settings: Settings of the algorithm.
         x: Individuals as columns, those with a trial first, shape (dim, any).
         plan: The random choices for the trials.
@@ -347,7 +353,10 @@ def kind_of(order: RunningOrder, violation: float, old_violation: float) -> int:
 
 @kernel
 def remember(state: Remembering, improvement: Array) -> None:
-    """Update one slot of the memory with the weighted Lehmer means."""
+    """Update one slot of the memory with the Lehmer means of successful F and CR.
+
+    The weight of a trial is its improvement; without any improvement the memory stays.
+    """
     sum_F = sum_FF = sum_CR = sum_CRCR = 0.0
     for i in range(improvement.size):
         F, CR, weight = state.F_trial[i], state.CR_trial[i], improvement[i]

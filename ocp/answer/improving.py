@@ -9,10 +9,10 @@ Each step judges answers by the user's own problem, and keeps the better answer.
 If the curvature at a stationary point is flat, perturbed starts decide whether it is a
 local optimum: the controls are moved a little, at random, and polished again. If a
 start leads to a lower cost, the point was no optimum, and the better one is taken. If
-none of up to twenty starts does, the point is called a local optimum. No start begins
-after the starts before it have taken a fifth of the iterations that the solver had
-taken until then, or 100 iterations if that is more. After fewer than five starts
-nothing is decided.
+none of up to twenty starts does, the point is called a local optimum. The starts share
+a limit of iterations: a fifth of those that the solver had taken before, but at least
+100. Once it is reached, no further start begins. After fewer than five starts nothing
+is decided.
 """
 
 from collections.abc import Iterator, Mapping
@@ -79,11 +79,12 @@ _SMALLEST, _LARGEST = 1e-3, 1e-1
 
 
 class Answer(NamedTuple):
-    """An answer with the planner that made it, which may have margins and more checks.
+    """An answer with the planner that made it.
 
     Attributes:
         solution: The answer, judged by the user's own problem.
-        planner: The planner that made the answer.
+        planner: The planner that made the answer; its problem may have margins and more
+            checks than the user's own.
         known: Values of parameters and signals, in the form that this planner takes.
     """
 
@@ -134,8 +135,8 @@ def settled_answer(
     """Test from perturbed starts whether an answer is a local optimum.
 
     An answer is tested if it is feasible but not shown to be a local optimum, comes
-    from an NLP solver, and touches no kink; the tested answer or a better one is
-    returned. Any other answer is returned unchanged.
+    from an NLP solver, and its path touches no kink of the problem's expressions. The
+    tested answer or a better one is returned. Any other answer is returned unchanged.
 
     Args:
         planner: The problem's planner.

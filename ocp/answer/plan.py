@@ -7,8 +7,8 @@ A plan becomes a start on another grid, or from another initial state, by
     decided      unchanged: parameters, a free end time, a free start
     multipliers  as in nlp/start.py
 
-If the horizon differs, everything is stretched: start maps to start, end to end. States
-of joined phases, which count their intervals, are omitted on another grid.
+If the horizon differs, everything is stretched: start maps to start, end to end. The
+states of joined phases are omitted on another grid, since one of them counts intervals.
 
 In closed loop a plan starts from the last one, shifted by an interval with its
 multipliers. The polish from there is enough, and no search is needed, unless
@@ -410,7 +410,7 @@ def is_enough(
 def better_plan(
     fitness: Fitness, plan: Plan, warm: Plan, x0: ArrayLike, known: Known
 ) -> Plan:
-    """Return the better of a searched plan and another, with the effort of both.
+    """Return the better of a searched and an unsearched plan, with the effort of both.
 
     Of two feasible plans, the one that a polish has converged to is preferred, unless
     the other costs much less: the next polish can start from a converged plan.

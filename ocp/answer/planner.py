@@ -177,8 +177,9 @@ def _turned(search: SearchSettings) -> SearchSettings:
 class Planner(Called):
     """Search and polish (local solve) of one problem, compiled once.
 
-    Except for `posed`, all methods refer to the core of the problem. It is the problem
-    itself unless there are decisions besides the controls, or previous controls.
+    Except for `posed`, all methods refer to the core: the problem after all rewrites,
+    which append states for decided parameters, previous controls and the like. If no
+    rewrite is needed, the core is the problem itself.
 
     Attributes:
         stated: The problem as it is stated.
@@ -337,7 +338,7 @@ class Planner(Called):
     ) -> Plan:
         """Return the plan from which planning begins, neither searched nor polished.
 
-        Its controls are the guess, or without one the first of the default controls.
+        Its controls are the guess; without a guess they are zero controls.
 
         Args:
             x0: Initial state, shape (nx,).
@@ -350,7 +351,7 @@ class Planner(Called):
         return still.plan(x0, known=known, guess=guess, rng=np.random.default_rng(0))
 
     def prepare(self) -> None:
-        """Build and compile what plans need now, not at the first one.
+        """Build and compile in advance what plans need.
 
         The kernels of a search are compiled at its first use on a machine in any case,
         and so is an NLP whose steps are chosen for each guess.
@@ -384,9 +385,10 @@ class Planner(Called):
 
     @cached_property
     def many_starts(self) -> ManyStarts | None:
-        """Solver of the core from many starts; None without lanes or a polish.
+        """Solver of the problem from many starts, if there is one.
 
-        Also None if controls take whole numbers.
+        None without lanes or a polish, or if controls take whole numbers. The problem
+        is the core, the problem after all rewrites.
         """
         if not self._lanes or self.polisher is None or self._rounding is not None:
             return None
@@ -404,6 +406,8 @@ class Planner(Called):
         self, x0: ArrayLike, known: Known = NOTHING, guess: Array | Start | None = None
     ) -> tuple[ArrayLike, Known, Array | Start | None]:
         """Convert initial state, known data and guess to those of the core.
+
+        The core is the problem after all rewrites.
 
         Args:
             x0: Initial state of the stated problem, shape (nx,).
@@ -467,9 +471,9 @@ class Planner(Called):
             x0: Initial state, shape (nx,).
             known: Values of the parameters and signals.
             guess: Controls to start from, shape (nu, N), clipped to the bounds; None:
-                unknown, so that the search starts at random, and a polish alone at zero
-                controls and at the middle of their bounds. A Start has states as well,
-                from which the polish then starts.
+                no guess. The search then starts at random, and a polish without a
+                search at zero controls and at the middle of their bounds. A Start has
+                states as well, for the polish.
             candidates: Further controls that the search evaluates, shape (nu, N, k),
                 clipped to the bounds; None: no candidates. They come first in its first
                 population.

@@ -61,12 +61,13 @@ def hurried(
     """Return excesses enlarged by the part that the last margin did not remove.
 
     A margin moves the points that the NLP sees; the path between them follows only by a
-    fraction c. Two measurements of one row give c, and thus the remaining margin (the
-    secant method). Later attempts add an extra factor.
+    fraction c. The excesses of one constraint row in two answers give c, and thus the
+    remaining margin (the secant method). Later attempts add an extra factor.
 
     Args:
         excesses: Excesses of the last answer.
-        last: Excess of each row in the answer before it.
+        last: Excess of each constraint row, by its `place_of`, in the answer before the
+            last.
         attempt: Number of the attempt, from 0.
     """
     found = []
@@ -86,7 +87,7 @@ def slack_at_checks(
     known: Known,
     times: int,
 ) -> dict[tuple[int, int], float]:
-    """Return the smallest distance of each path row to its limit at the checks.
+    """Return how far each path constraint stays within its limits at the checks.
 
     A margin below this distance would change nothing.
 
@@ -98,7 +99,7 @@ def slack_at_checks(
         times: Factor for the number of checks of the solution.
 
     Returns:
-        Place of a row, as in `place_of` -> its smallest distance.
+        (Number of the constraint, row in it) -> smallest distance of this row.
     """
     problem = tracer.problem
     path, checks = solution.path, problem.intervals * problem.checks * times
@@ -125,7 +126,8 @@ def added(
     Args:
         margins: Margins of the last attempt.
         excesses: Excesses of the answer that was found with these margins.
-        slack: Distance of each row to its limit at the checks, by its place.
+        slack: Smallest distance of each row to its limits at the checks, from
+            `slack_at_checks`.
         coarser: Number of checks of the last attempt divided by that of the next one;
             an excess between checks falls with the square of their distance.
     """
@@ -157,9 +159,9 @@ def tightened(
     Args:
         problem: The problem.
         excesses: Excesses of an answer, or the margins wanted.
-        for_all: Smallest margin of all constraints on distances, relative to their
-            scales, since one pair of vehicles may move into the room that another pair
-            gives up.
+        for_all: Least margin that every constraint on distances gets, relative to its
+            scale; 0: none. Without it one pair of vehicles may move into the room that
+            another pair gives up.
     """
     constraints = list(problem.stated)
     if for_all:
@@ -195,7 +197,8 @@ def with_more_checks(
 
     Args:
         problem: The problem.
-        known: Its parameters and signals, which are interpolated at the new nodes.
+        known: Its parameters and signals; the signals are interpolated at the new
+            nodes.
         times: Factor for the number of checks.
     """
     finer = replace(
@@ -211,7 +214,7 @@ def with_more_checks(
 def at_points(problem: OptimalControlProblem) -> OptimalControlProblem:
     """Return a problem in which each `Separation` is measured at the checks only.
 
-    Its margin is that of the NLP, which sees these points only.
+    Its margin is then `smooth_margin`, that of the NLP, which sees these points only.
     """
     return replace(
         problem,

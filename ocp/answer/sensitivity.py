@@ -215,7 +215,8 @@ def sensitivities_of(
     Args:
         points: The answers as stationary points of one or several NLPs.
         core: The problem as stated and as rewritten (core).
-        controls: Controls of the core of each, shape (nu, N).
+        controls: Controls of each answer, in the rewritten problem (core), each of
+            shape (nu, N).
         by: "x0" or "parameters", as in `Solution.sensitivity`.
 
     Raises:

@@ -111,7 +111,7 @@ _NOTHING_MOVES = 1e-9
 class LocalOptimum:
     """A local optimum that a solve in lanes found; it is not polished yet.
 
-    The solve has tested the first-order conditions.
+    The solve has tested the conditions of a local optimum, of second order too.
 
     Attributes:
         cost: Its cost, with the sign as the problem states it.
@@ -129,7 +129,7 @@ class LocalOptimum:
 
     @staticmethod
     def of(one: Optimum, answer: Solution, core: Lowered) -> LocalOptimum:
-        """Return an optimum of the core in the terms of the problem as stated."""
+        """Return an optimum of the rewritten problem in terms of the stated problem."""
         problem = answer.problem
         controls = core.knots(one.controls, one.states[:, 0])
         return LocalOptimum(
@@ -235,8 +235,8 @@ class Solution(Presented):
     def optima(self) -> tuple[LocalOptimum, ...]:
         """Distinct local optima that the lanes found, the cheapest first.
 
-        Their costs have the sign of the problem, before the polish. Empty if no starts
-        were solved in lanes.
+        Their costs are those before the polish, with the sign as the problem states it.
+        Empty if no starts were solved in lanes.
         """
         starts = self.plan.starts
         if starts is None or starts.lanes is None:
@@ -358,8 +358,8 @@ class Solution(Presented):
     def outputs(self) -> Array:
         """Outputs of the model at the nodes, shape (ny, nodes).
 
-        They use the control of the following interval; the last ones, the control
-        before.
+        At each node they use the control of the interval after it, at the last node
+        that of the interval before it.
         """
         every = (self.path.times.size - 1) // (self.times.size - 1)
         return self.path.outputs[:, ::every]
@@ -532,7 +532,8 @@ def verified(
         plan: The plan.
         x0: Initial state, shape (nx,).
         known: Values of the parameters and signals.
-        tolerance: Tolerance of the comparison; see the module's docstring.
+        tolerance: Allowed difference of the cost, relative to the integral of |stage
+            cost| plus |terminal cost|, and of each end state, relative to its scale.
         advised: Whether to look for the fastest mode along a path that is not
             confirmed, for advice; this takes most of the time for a small problem.
 
@@ -824,7 +825,7 @@ def allowed_ends(
     Args:
         scale: Scales of the states; see `end_differences`.
         natural: Their natural sizes.
-        ends: States at the end of the finer path, all of one shape.
+        ends: States at the end of the finer path, of the same shape as `scale`.
         tolerance: Tolerance of the comparison.
     """
     rounding = _ROUNDINGS * np.abs(ends)

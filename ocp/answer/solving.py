@@ -156,13 +156,13 @@ def solve(  # noqa: PLR0913 - the whole way in one call
             the polish also starts from zero controls, the middle of the bounds, the
             guess, states that lead straight to a fixed end and the search's best
             points, and the answer reports the result of each. None means 64 if there is
-            a polish; 0 means that the polish starts from the guess; without one, from
-            zero controls and from the middle of the bounds.
-        threads: Largest number of threads of the search and the lanes, and of processes
-            of polishes from several starts, which are copies of this one (Linux). The
-            answer has the same bits for any number. None: as many as there are
-            processors; but no copies if the program has threads of its own, as a
-            notebook has.
+            a polish. 0: the polish starts from the search's best points; without a
+            search, from the guess, or, if there is no guess either, from zero controls
+            and from the middle of the bounds.
+        threads: Largest number of threads of the search and the lanes, and of copies of
+            this process that polish from several starts at a time (Linux). The answer
+            has the same bits for any number. None: as many as there are processors, but
+            no copies are made if the program has threads of its own, as a notebook has.
         backend: Backend that evaluates populations: "llvm" (machine code), "casadi" or
             "auto"; None asks SWARMSTART_BACKEND, then auto (docs/evaluator.md, "Choose
             the evaluator").
@@ -262,7 +262,7 @@ def bounded(
     work: float,
     progress: ProgressCallback = tell_nothing,
 ) -> LowerBound:
-    """Return a lower bound of the optimal cost; of kind NONE without one.
+    """Return a lower bound of the optimal cost, of kind NONE if none was found.
 
     Args:
         answer: An answer, or its cost as the problem states it, which makes the bound

@@ -51,7 +51,8 @@ ROWS = Check(
 def shortened(value: object) -> str:
     """Return the text of a value for a message: shortened, with its type.
 
-    Parts of an expression that CasADi writes separately are put into their places.
+    CasADi writes repeated parts of an expression separately, as in "@1=x+y, @1*@1".
+    Such parts are inserted again.
 
     Example:
         >>> half = ca.SX.sym("x") / 2
@@ -316,7 +317,7 @@ def in_sx(role: str, entry: T, sx: Callable[[str, ca.SX | ca.MX], ca.SX]) -> T:
         role: Description of the entry, for messages.
         entry: An expression, a constraint of this package, or a list or tuple of these;
             anything else is returned unchanged.
-        sx: Converts an expression, given its role, to SX.
+        sx: Function (role, expression) -> the expression in SX.
     """
     stated: object = entry
     if isinstance(stated, ca.SX | ca.MX):

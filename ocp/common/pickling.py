@@ -141,7 +141,10 @@ class _Pickler(pickle.Pickler):
         return number
 
     def reducer_override(self, thing: Any) -> Any:
-        """Return how to make an object of this package within the same bytes."""
+        """Return how to pickle an `Expressed` object together with those around it.
+
+        It then has symbols in common with them. NotImplemented for any other object.
+        """
         # Not by its own bytes: its symbols would differ from those around it.
         return Rebuilt.__reduce__(thing) if isinstance(thing, Expressed) else (
             NotImplemented

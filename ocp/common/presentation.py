@@ -65,7 +65,7 @@ class Presenting:
 
 
 def presentation(result: str, verb: str) -> Callable[..., Any]:
-    """Return the function that the table lists for a class of results and a verb.
+    """Return the function of `PRESENTATIONS` for a class of results and a verb.
 
     Args:
         result: Name of the class.

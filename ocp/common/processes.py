@@ -5,10 +5,10 @@ run in processes. A process that is copied by `fork` has all functions and machi
 at once. It makes one call, sends the result, and ends. The results come in the order
 of the calls, and are the same for any number of processes.
 
-A copy has none of the other threads, whose locks stay as they were. So a program that
-has threads of its own, as a notebook has, makes all calls itself, one after the other,
-unless it asks for processes; and so does any program on a system that cannot copy a
-process.
+A copy has none of the other threads; locks that they held stay locked in it. So a
+program that has threads of its own, as a notebook has, makes all calls itself, one
+after the other, unless it asks for processes; and so does any program on a system that
+cannot copy a process.
 """
 
 import os

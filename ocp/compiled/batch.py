@@ -241,7 +241,8 @@ def compile_batch(
             a thread pays from about 256 individuals on. The results have the same bits
             for any number of threads. CasADi's map uses one thread.
         gradient: Whether to add an output: the gradient of the first output, which must
-            be a number, by the first argument, shape (rows, n). Reverse mode.
+            be a number, by the first argument, shape (rows, n). It is computed in
+            reverse mode.
 
     Returns:
         A function of arrays (rows, n), or (rows,) if shared, that returns an array

@@ -6,10 +6,10 @@ time grow with the horizon. frame.py describes what a kernel reads and writes.
 
 The tape is simplified first: multiples of one value in a sum are merged. CasADi keeps
 sums as they are written: the classical Runge-Kutta step of a constant rate k is
-h/6 (((k + 2 k) + 2 k) + k). Here it becomes h k, which equals the h k of the last
-stage, so that one sine serves both. This removes some roundings. Multiples are merged
-only if they have one sign, so that nothing cancels, and if nothing else uses the
-partial sum.
+h/6 (((k + 2 k) + 2 k) + k). Here it becomes h k. The last stage, too, is evaluated at
+x + h k, so that a sine of this state is computed only once. This removes some
+roundings. Multiples are merged only if they have one sign, so that nothing cancels, and
+if nothing else uses the partial sum.
 
 Steps of adaptive length are a loop of their own, until all individuals are done. Each
 turn of the loop is a tick, in which every individual tries one step
@@ -31,9 +31,10 @@ class Ticks:
     """Steps of adaptive length between checks; a tick tries one (integration/rodas.py).
 
     Attributes:
-        tick: Function (z, u, p, s) -> z after one trial step, s flat over both ends of
-            a check; z is (y, largest |y| so far, part of the time left, step size h), y
-            the states and the integrals.
+        tick: Function (z, u, p, s) -> z after one trial step, with controls u,
+            parameters p, and signals s at two checks, one after the other. z is (y,
+            largest |y| so far, part of the time left, step size h), with y the states
+            and the integrals.
         checks: Number of checks in an interval.
         first: Step size h at the beginning of an interval.
         most: Largest number of trial steps between two checks.
@@ -50,15 +51,15 @@ class Roll:
     """A rollout: a stage applied N times, then the terms of the end.
 
     Attributes:
-        stage: Function (x, u, p, s) -> (x after, cost, violation), s flat over the
-            nodes of one interval. With steps of adaptive length it has two more
-            arguments: the states that these steps reach at each check, and the
-            integrals.
+        stage: Function (x, u, p, s) -> (x after, cost, violation), with states x,
+            controls u, parameters p, and signals s, flat over the nodes of one
+            interval. With steps of adaptive length it has two more arguments: the
+            states that these steps reach at each check, and the integrals.
         end: (x, p, s) -> (cost, violation), s at the last node.
         intervals: Number of intervals N.
         signals_per_interval: Offset to the signals of the next interval, ns * checks.
-        decided: For each state that is decided, the row of its initial value, counted
-            after the controls; None for a state that starts at x0.
+        decided: For each state the row of its initial value if this is decided, counted
+            after the controls; None if it starts at x0.
         begin: (x, p, s) -> (cost, violation) at the start, s at the first node; None if
             nothing is added there.
         ticks: The steps of an interval; None if they are in the stage.
@@ -102,7 +103,7 @@ def emit_flat(tape: Tape, *, per_individual: tuple[bool, ...], target: Target) -
 def emit_rollout(roll: Roll, *, target: Target) -> str:
     """Return the IR module of (decisions, x0, p, signals) -> (cost, violation).
 
-    The violation is infinity unless both sums are finite numbers.
+    The violation is infinity unless the sums of costs and of violations are finite.
 
     Args:
         roll: The rollout; only the decisions differ per individual.
@@ -310,15 +311,16 @@ COSTLY = frozenset(
 def repeated_functions(stage: Tape) -> list[tuple[int, int, int]]:
     """Return the functions of a state that the next stage would compute again.
 
-    A Runge-Kutta step ends with the rate at x + h k. For a constant rate that is the
-    state after the step, so that the next step begins with the same sine.
+    The last stage of a Runge-Kutta step is evaluated at x + h k. For a constant rate k
+    this is the state after the step, and the next step would begin with the same
+    functions of it, such as a sine.
 
     Args:
         stage: Tape of (x, ...) -> (x after, ...).
 
     Returns:
-        (entry of the state, number of a function of it, number of that function of the
-        same entry after the stage).
+        For each such function: entry of the state; number of the function of this entry
+        before the stage; number of the same function of this entry after the stage.
     """
     places = {
         (node.operation, node.arguments[0]): number

@@ -49,7 +49,9 @@ class Scan:
     Attributes:
         step: Function (arguments) -> (new carried values, in the order of the carried
             arguments; then the values of this interval to be kept).
-        roles: Role of each argument.
+        roles: Role of each argument: "carried" from interval to interval; "individual",
+            the same in all intervals; "interval", the same for all individuals; "both",
+            of each interval and individual; or "shared" by all.
         turns: Number of intervals N.
         backward: Whether the last interval comes first.
     """
@@ -66,7 +68,7 @@ class Scan:
 
 
 def emit_scan(scan: Scan, *, target: Target) -> str:
-    """Return the IR module of (arguments) -> (carried in the end, kept).
+    """Return the IR module of (arguments) -> (last carried values, kept values).
 
     Kept values have shape (turns * rows, n), interval after interval.
 
@@ -136,7 +138,7 @@ def compile_scan(
     precision: Precision = "double",
     threads: int = 1,
 ) -> SimdBatch:
-    """Return an evaluator of (arguments) -> (carried in the end, kept).
+    """Return an evaluator of (arguments) -> (last carried values, kept values).
 
     Args:
         step: An SX function; see `Scan`.

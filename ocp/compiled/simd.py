@@ -443,7 +443,9 @@ class Ticking:
     """Steps of adaptive length in an interval; a tick tries one (integration/rodas.py).
 
     Attributes:
-        tick: (z, u, p, s) -> z after one trial step.
+        tick: Function (z, u, p, s) -> z after one trial step, with controls u,
+            parameters p, and signals s at two checks. z is (y, largest |y| so far, part
+            of the time left, step size h), with y the states and the integrals.
         checks: Number of checks in an interval.
         first: Step size h at the beginning of an interval.
         most: Largest number of trial steps between two checks.
@@ -473,14 +475,16 @@ def compile_rollout(  # noqa: PLR0913 - a rollout's parts
     states.
 
     Args:
-        stage: (x, u, p, s) -> (x after, cost, violation) over one interval. With
-            adaptive steps it has two more arguments: the states that the steps reach at
-            each check, shape (nx, checks), and the integrals.
+        stage: Function (x, u, p, s) -> (x after, cost, violation) over one interval,
+            with states x, controls u, parameters p and signals s. With adaptive steps
+            it has two more arguments: the states that the steps reach at each check,
+            shape (nx, checks), and the integrals.
         end: (x, p, s) -> (cost, violation) at the end.
         intervals: Number of intervals.
-        signals_per_interval: ns * checks.
-        decided: For each state that is decided, the number of its decision, counted
-            after the controls; None for a state that starts at x0. Empty if all do.
+        signals_per_interval: Number of signals times number of checks in an interval.
+        decided: For each state the number of the decision that it starts at, counted
+            after the controls; None if it starts at x0. Empty if all states start at
+            x0.
         begin: (x, p, s) -> (cost, violation) at the start; None if nothing is added.
         ticking: The adaptive steps of an interval; None if steps are in the stage.
         precision: Precision of the arithmetic; arguments and outputs are doubles.

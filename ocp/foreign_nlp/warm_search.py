@@ -71,7 +71,7 @@ class Ranges:
             states, shape (nf,).
         upper: Upper bounds of the same variables, shape (nf,).
         box: Bounds of the search's variables z, see `RollOut`.
-        start: The user's own start in these variables, shape (nz,).
+        start: The user's own start in the search's variables z, shape (nz,).
     """
 
     lower: Array

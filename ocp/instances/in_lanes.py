@@ -117,7 +117,7 @@ class InLanes:
         None if lanes do not support the problem with margins.
 
         Args:
-            core: The core of this problem, with other checks and margins.
+            core: The problem after all rewrites (core), with other checks and margins.
             instances: The instances that it is for.
         """
         other = Planner(core, search=None, polish=self.planner.polish)

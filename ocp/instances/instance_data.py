@@ -43,7 +43,7 @@ class InstanceData:
         parameters: Parameters that are not decided, shape (np, M).
         signals: Signals at the nodes, shape (ns, nodes, M).
         time: Time at the start of the horizon [s], of all instances.
-        previous: As in `Known`, of all instances.
+        previous: Controls before the horizon, for all instances; see `Known`.
         guesses: Guesses of the controls as the problem states them, shape (nu, N, M),
             or (nu, N + 1, M) for linear ones; None: no guesses.
         names: Names of the rows of x0, then of the parameters.
@@ -82,9 +82,10 @@ class InstanceData:
 
     @property
     def typical(self) -> int | None:
-        """Number of the instance in the middle of all finite ones; None without one.
+        """Number of an instance with typical data; None if no instance has finite data.
 
-        It is the same for any order of the instances.
+        It is the middle one of the instances with finite data, in the order of these
+        data. So it is the same instance in whatever order they are given.
         """
         rows = np.vstack([self.numbers, self.signals.reshape(-1, self.size)])
         finite = np.flatnonzero(np.isfinite(rows).all(axis=0))

@@ -76,12 +76,13 @@ class LaneWaves:
         self._amounts, self._left = Amounts(), _TIGHTENED
 
     def __call__(self, count: int | None) -> int:
-        """Solve all instances; return at how many drawn ones more starts were no use.
+        """Solve all instances; return at how many drawn ones other starts did not help.
 
-        If the other starts find nothing cheaper at the instances drawn last, they are
-        not tried at the instances that were not drawn, and the number of the drawn ones
-        that had a confirmed answer before is returned. 0: no start was left out in this
-        way.
+        All instances are solved from the first start; those that fail, and some drawn
+        at random, are solved from the other starts, too. If these find nothing cheaper
+        at the instances drawn last, the remaining instances are spared the other
+        starts. The result is then the number of the instances drawn last that had a
+        confirmed answer before. 0: no start was left out in this way.
 
         Args:
             count: Number of starts of each instance; None: as in `solve_many`.

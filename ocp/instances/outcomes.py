@@ -1,8 +1,8 @@
 """Answers to instances of a rewritten problem (core), in arrays, a column for each.
 
 An answer replaces an earlier one if it is confirmed on the finer path (the same
-controls with ten times as many integration steps) and the other is not, or if neither
-is confirmed and it is better by (violation, cost).
+controls with ten times as many integration steps) and the earlier one is not, or if
+neither is confirmed and it is better by (violation, cost).
 """
 
 from collections.abc import Sequence
@@ -131,7 +131,8 @@ class Outcomes:
         answers: The answers, a column for each instance.
         solver: Solver of each answer, shape (n,): "lanes", the name of an NLP solver,
             or empty.
-        start: Start of each answer, shape (n,): see `solve_many`; else empty.
+        start: Start that led to each answer, shape (n,), in the words of `Solutions`;
+            empty without an answer.
         attempts: Number of solves of each instance, shape (n,).
     """
 

@@ -45,7 +45,7 @@ class Group(NamedTuple):
     """Answers to some instances.
 
     Attributes:
-        chosen: Places of the instances among those that were asked for, shape (n,).
+        chosen: Numbers of these instances among those that were asked for, shape (n,).
         answers: Answers to these instances.
     """
 

@@ -90,17 +90,17 @@ def promises(
 ) -> Array:
     """Return how clearly neighbours' optima promise to be cheaper at instances.
 
-    Shape (n, count): the gain divided by the least gain that counts; 0 if that is below
-    1, infinite if an instance has no confirmed answer. If an instance i and its
-    neighbour k are in the same valley, the costates lam give the difference of their
-    costs V, with the initial states x, up to terms of third order:
+    Shape (n, count): the expected gain divided by the least gain that counts; 0 if this
+    quotient is at most 1, infinite if an instance has no confirmed answer. If an
+    instance i and its neighbour k are in the same valley, the costates lam give the
+    difference of their costs V, with the initial states x, up to terms of third order:
 
         V_i - V_k = (lam_i + lam_k)' (x_i - x_k) / 2
 
-    If V_i - V_k is larger than that, the two optima differ, and the excess is half the
-    sum of the gains of the neighbour's optimum at i and at k. A gain counts if it is at
-    least `CHEAPER` times the cost, and at least `_CURVED` times the terms of second
-    order, (lam_i - lam_k)' (x_i - x_k).
+    If V_i - V_k is larger than the right-hand side, the two optima differ, and the
+    excess is half the sum of the gains of the neighbour's optimum at i and at k. A gain
+    counts if it is at least `CHEAPER` times the cost, and at least `_CURVED` times the
+    terms of second order, (lam_i - lam_k)' (x_i - x_k).
 
     Args:
         core: The rewritten problem (core).
@@ -196,12 +196,13 @@ def at_instances(
 def with_decisions_of(
     core: OptimalControlProblem, instances: Instances, x0: Array
 ) -> Instances:
-    """Return instances with the decisions about the start of others.
+    """Return instances with the decided initial states of other instances.
 
     Args:
         core: The rewritten problem (core).
         instances: Instances.
-        x0: Initial states of as many others, shape (nx, n).
+        x0: Initial states of as many other instances, shape (nx, n); only the decided
+            entries are used.
     """
     found = instances.x0.copy()
     for one in core.free_starts:

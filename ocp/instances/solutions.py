@@ -56,7 +56,7 @@ if TYPE_CHECKING:
 
 
 class How(NamedTuple):
-    """Settings of the solves, which a Solution made on demand has as well.
+    """Settings of the solves, also used for each Solution that is made on demand.
 
     Attributes:
         polish: Options of the NLP solver.
@@ -83,10 +83,12 @@ class Solutions(Presenting):
         data: Initial states, parameters and signals of all instances.
         solver: Solver of each answer, shape (M,): "lanes", or the name of the NLP
             solver; empty without an answer.
-        start: Start that led to each answer, shape (M,): "guess", the guess or else
-            zero controls; "own answer", an earlier one of the instance, which broke a
-            limit between the checks; "neighbour", the answer of another instance;
-            "random"; empty without an answer.
+        start: Start that led to each answer, shape (M,): "guess", the guess, or the
+            starts of `solve` without a guess, or, in the lanes, any start listed under
+            `starts` in `solve_many`; "own answer", an earlier answer of the instance,
+            which broke a limit between the checks; "neighbour", the answer of another
+            instance; "random", random controls for the NLP solver; empty without an
+            answer.
         attempts: Number of solves of each instance, shape (M,).
         sampled: Number of instances, drawn at random, at which the starts in lanes
             after the first one found nothing cheaper. So these starts were left out at
@@ -127,9 +129,9 @@ class Solutions(Presenting):
     def status(self) -> Statuses:
         """Status of each answer, shape (M,): members of `SolutionStatus`.
 
-        CONVERGED: the NLP solver ended at a local optimum, or the lanes did by their
-        own test of first and second derivatives. FEASIBLE: confirmed, too, but not
-        shown to be one.
+        CONVERGED: a local optimum, as shown by the NLP solver, or by the lanes in their
+        own test of first and second derivatives. FEASIBLE: confirmed as well, but not
+        shown to be a local optimum.
         """
         return self.core_answers.status
 
@@ -197,7 +199,7 @@ class Solutions(Presenting):
 
     @property
     def times(self) -> Array:
-        """Times of the nodes, shape (nodes,) [s]; fractions of a decided end time."""
+        """Times of the nodes, shape (nodes,) [s]; fractions if the end is decided."""
         core = self._lowered.core
         return core.times
 
@@ -342,7 +344,7 @@ class Solutions(Presenting):
         return Sensitivities.of(found, reasons, core, by)
 
     def plot(self) -> Any:
-        """Return a matplotlib Figure: the cost over the data that differ, failures too.
+        """Return a matplotlib Figure: cost over the data that differ, failures marked.
 
         The axes are the first two data that differ between the instances, initial
         states before parameters.
@@ -402,8 +404,8 @@ class Solutions(Presenting):
             problem: The problem that they answer.
 
         Raises:
-            RecordError: If the file cannot be read, is no such file, or belongs to
-                another problem.
+            RecordError: If the file cannot be read, was not written by `save`, or
+                belongs to another problem.
         """
         read: Solutions = presentation("Solutions", "load")(Path(path), problem)
         return read

@@ -105,20 +105,21 @@ def solve_many(  # noqa: PLR0913 - the whole way in one call
         problem: Problem to solve for all instances.
         x0s: Initial states, shape (nx, M), a column for each instance; entries that are
             decided are a guess, or NaN.
-        known: Parameters and signals, by name: of a parameter a number for all
-            instances or shape (M,), of a signal its values at the nodes, shape (nodes,)
-            for all or (nodes, M). Or a `Known`, for all or with an axis of M at the end
-            of parameters or signals. None: the problem has none.
+        known: Parameters and signals by name. For a parameter: a number for all
+            instances, or shape (M,). For a signal: its values at the nodes, shape
+            (nodes,) for all instances, or (nodes, M). Or a `Known`, whose parameters or
+            signals may have a last axis of length M. None: the problem has neither.
         guesses: Controls to start from, shape (nu, N) for all instances, or (nu, N, M);
             of linear controls with N + 1 knots. None: no guess.
         lanes: Whether instances are solved at once in lanes, if lanes support the
             problem. Without lanes each instance is solved by `polish`.
         starts: Number of starts of each instance in the lanes, in this order: the guess
-            or the middle of the bounds, first with the states that these controls lead
-            to, then with states that stay at x0; after that random controls. None: the
-            first start for all instances, and three others for instances that fail and
-            for some drawn at random; more are drawn as long as the other starts find
-            cheaper answers.
+            or zero controls, with the states that they lead to; the guess or the middle
+            of the bounds, with states that stay at x0; the middle of the bounds, with
+            the states that it leads to, if this is not the first start; then random
+            controls. None: the first start for all instances, and three others for
+            instances that fail and for some drawn at random; more are drawn as long as
+            the other starts find cheaper answers.
         polish: NLP solver of the instances that lanes do not solve, as in `solve`;
             None: these stay unsolved.
         repair: As in `solve`, for the answers of the NLP solver.

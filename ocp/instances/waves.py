@@ -72,7 +72,7 @@ class _OneByOneWaves:
         self._core, self._instances = work.planner.problem, work.posed.core
 
     def __call__(self) -> None:
-        """Solve the open instances, and again those that fail."""
+        """Solve the instances without a confirmed answer, and again those that fail."""
         work, given = self._work, self._work.posed.guesses
         answers = work.outcomes.answers
         # What the lanes found, but the finer path does not confirm.

@@ -56,7 +56,7 @@ class Work:
         """Return random controls for all instances; None if there is nothing to draw.
 
         Args:
-            numbers: The number of the start; none: the first one.
+            numbers: The number of the start; left out: the first one.
         """
         return random_start(self.planner.problem, (*self.seeds, _RANDOM, *numbers))
 

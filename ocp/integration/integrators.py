@@ -49,7 +49,7 @@ class Method:
     """An integrator and its properties.
 
     Attributes:
-        step: Function (r, x, t, h) -> x after one step.
+        step: Function (r, x, t, h) -> x after one step of length h of x' = r(t, x).
         order: Order of convergence.
         evaluations: Number of evaluations of r in a step.
         growth: Coefficients of R(z), from z^0 on; a step of length h multiplies a mode
@@ -124,7 +124,7 @@ def integrate(  # noqa: PLR0913 - an equation, a span of time and how it is divi
 
     Args:
         method: A key of INTEGRATORS.
-        rate: r(t, x).
+        rate: Function r(t, x), the derivative of x.
         x: State at `start`.
         start: Start time [s].
         duration: Time span [s].
@@ -173,9 +173,10 @@ def held_step(
 ) -> ca.Function:
     """Return F(x, u, p) -> x after dt seconds with u held, in `substeps` steps.
 
-    For a model with signals or a time it is F(x, u, p, s), with s their values at both
-    ends of dt, shape (ns, 2), linear in between. A jump of the model at the end of an
-    interval is not included.
+    x are the states, u the controls and p the parameters. For a model with signals or a
+    time the function is F(x, u, p, s), with s their values at both ends of dt, shape
+    (ns, 2), linear in between. A jump of the model at the end of an interval is not
+    included.
 
     Args:
         model: The model.

@@ -91,7 +91,8 @@ class Coefficients:
 
     Attributes:
         times: Points c as fractions of the element, shape (d,).
-        slopes: Matrix D, shape (d, d + 1).
+        slopes: Matrix D, shape (d, d + 1), from the values at the start and at the
+            points to the slopes at the points, times the length of the element.
         weights: Weights b of an integral, shape (d,).
     """
 

@@ -106,7 +106,7 @@ MOST_TICKS = _AT_ONCE**_LEVELS
 
 
 def rodas4(rate: Rate, x: ca.SX, t: float, h: float) -> ca.SX:
-    """Return x after one step of RODAS4; see the module's docstring."""
+    """Return x after one step of RODAS4; arguments as in `rodas4_with_error`."""
     return rodas4_with_error(rate, x, t, h)[0]
 
 
@@ -116,7 +116,7 @@ def prepared(rate: Rate, size: int) -> Callable[[ca.SX, float, float], ca.SX]:
     The factorisation and the elimination of common parts are done once.
 
     Args:
-        rate: r(t, x).
+        rate: Function r(t, x), the derivative of x.
         size: Number of states.
     """
     own = [ca.SX.sym("x", size), ca.SX.sym("t"), ca.SX.sym("h")]
@@ -132,7 +132,8 @@ def rodas4_with_error(rate: Rate, x: ca.SX, t: float, h: float) -> tuple[ca.SX, 
     """Return x after one step of RODAS4, and the error of its solution of order 3.
 
     Args:
-        rate: r(t, x); expressions of t must be differentiable.
+        rate: Function r(t, x), the derivative of x; expressions of t must be
+            differentiable.
         x: State, shape (n, 1).
         t: Time at the start of the step [s].
         h: Length of the step [s].
@@ -248,7 +249,10 @@ def finer(tolerance: float) -> float:
 
 
 def column_at_begin(x: Symbolic, *, integrals: int, steps: int) -> Symbolic:
-    """Return z at the start of an interval.
+    """Return z at the start of an interval, for steps of adaptive length.
+
+    z is (y, largest |y| so far, left, h), with y the states and the integrals. left and
+    h are the time left and the step size, as fractions of the time between two checks.
 
     Args:
         x: States, shape (nx, 1).
@@ -260,23 +264,27 @@ def column_at_begin(x: Symbolic, *, integrals: int, steps: int) -> Symbolic:
 
 
 def column_at_check(z: Symbolic) -> Symbolic:
-    """Return z at the start of the next check, from z at the end of the last one."""
+    """Return z at the start of the steps to the next check, from z at the last check.
+
+    z is as in `column_at_begin`.
+    """
     return ca.vertcat(z[: z.numel() - 2], 1.0, z[-1])
 
 
 def values_of(z: Symbolic) -> Symbolic:
-    """Return y, the first part of z."""
+    """Return y, the states and integrals in z; see `column_at_begin`."""
     return z[: (z.numel() - 2) // 2]
 
 
 def ticked(
     rate: Rate, z: ca.SX, sizes: ca.SX, *, duration: float, tolerance: float
 ) -> ca.SX:
-    """Return z after one tick.
+    """Return z after one tick, which tries one step of adaptive length.
 
     Args:
-        rate: r(t, y), with t measured from the start of the check [s].
-        z: The column z of the module's docstring, shape (2 ny + 2, 1).
+        rate: Function r(t, y), the derivative of y, with t measured from the last check
+            [s].
+        z: Column, see `column_at_begin`, shape (2 ny + 2, 1).
         sizes: Natural sizes of y, shape (ny, 1).
         duration: Time between two checks [s].
         tolerance: Allowed relative error of a step.
@@ -310,10 +318,12 @@ def ticked(
 
 
 def followed(tick: ca.Function) -> ca.Function:
-    """Return a function (z, ...) -> z at the end of the check; y is NaN if it fails.
+    """Return a function (z, ...) -> z at the next check, after as many ticks as needed.
+
+    z is as in `column_at_begin`; its y is NaN if the next check is not reached.
 
     Args:
-        tick: (z, ...) -> z after one tick.
+        tick: Function (z, ...) -> z after one tick, which tries one step.
     """
     run = tick
     for _ in range(_LEVELS):
@@ -336,7 +346,7 @@ def follower(
     """Return the function (z, known) -> z at the end of a time span; see `followed`.
 
     Args:
-        rate: r(t, y).
+        rate: Function r(t, y), the derivative of y.
         known: Symbols that the rate and the sizes depend on.
         sizes: Natural sizes of y, shape (ny, 1).
         duration: The time span [s].

@@ -126,8 +126,8 @@ class Unseen:
 
     Attributes:
         share: The estimate.
-        most: Upper end of the one-sided 95 % interval: with a larger share, more optima
-            would have been found once in 95 % of all cases.
+        most: Upper end of the one-sided 95 % interval: if the share were larger, then
+            in 95 % of all cases more optima would have been found exactly once.
         answers: Number of answers that belong to an optimum, on which the estimate
             rests.
     """
@@ -149,9 +149,10 @@ def distinct_optima(
 
     Args:
         answers: Answers of lanes.
-        stand_for: Number of answers that each one represents, shape (n,), if only the
-            best of earlier ones was kept; None means one each.
-        shown: Whether an optimum counts only with an answer that is shown to be one.
+        stand_for: Number of answers that each given one represents, shape (n,), if only
+            the best of earlier answers were kept; None: each represents itself.
+        shown: Whether an optimum is left out if none of its answers is shown to meet
+            the conditions of a local optimum.
     """
     each = np.ones(answers.cost.size, np.int64) if stand_for is None else stand_for
     number = optimum_of(answers)
@@ -229,8 +230,8 @@ def paths(answers: LaneAnswers, cheapest: int) -> Array:
 def unseen_share(counts: Sequence[int]) -> Unseen:
     """Return the estimated probability that a further answer is a new optimum.
 
-    The estimate is n1 / n with n1 optima found once among n answers; the module's
-    docstring has its confidence interval.
+    The estimate is n1 / n with n1 optima found once among n answers; its upper limit,
+    at 95 %, is that of Wilson's score interval, and at least 3 / n.
 
     Args:
         counts: Number of times that each optimum was found.

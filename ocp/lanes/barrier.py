@@ -46,14 +46,14 @@ _MOST_DUAL = 1e10
 
 
 def smallest(of: Iterable[ca.SX], most: ca.SX) -> ca.SX:
-    """Return the smallest of some numbers and of another one."""
+    """Return the smallest of some numbers and the number `most`."""
     for one in of:
         most = ca.fmin(most, one)
     return most
 
 
 def largest(of: Iterable[ca.SX], least: ca.SX) -> ca.SX:
-    """Return the largest of some numbers and of another one."""
+    """Return the largest of some numbers and the number `least`."""
     for one in of:
         least = ca.fmax(least, one)
     return least
@@ -85,7 +85,7 @@ class Pairs:
         return ca.SX(ca.DM(self.sign)) if self.sign else ca.SX(0, 1)
 
     def of_pairs(self, v: ca.SX) -> ca.SX:
-        """Return the change of the distances with a change of the variables."""
+        """Return the change of the distances for a change v of the variables."""
         return self._signs * picked(v, self.of)
 
     def distances(self, v: ca.SX) -> ca.SX:
@@ -100,7 +100,7 @@ class Pairs:
         return total
 
     def curvature(self, v: ca.SX, z: ca.SX) -> ca.SX:
-        """Return for each variable the sum of z / d over its bounds."""
+        """Return for each variable the sum of dual z / distance d over its bounds."""
         return self.summed(z / self.distances(v))
 
     def slope(self, v: ca.SX, mu: ca.SX) -> ca.SX:
@@ -108,7 +108,7 @@ class Pairs:
         return self.pushed(-mu / self.distances(v))
 
     def pushed(self, z: ca.SX) -> ca.SX:
-        """Return for each variable the sum of sign * z over its bounds."""
+        """Return for each variable the sum of sign * z over its bounds, z the duals."""
         return self.summed(self._signs * z)
 
     def dual_step(self, v: ca.SX, z: ca.SX, mu: ca.SX, step: ca.SX) -> ca.SX:
@@ -124,7 +124,7 @@ class Pairs:
         return total
 
     def limited(self, v: ca.SX, z: ca.SX, mu: ca.SX) -> ca.SX:
-        """Return duals kept near mu / d."""
+        """Return the duals z, limited to a range around mu / d, d the distances."""
         centre = mu / self.distances(v)
         return ca.fmax(ca.fmin(z, _MOST_DUAL * centre), centre / _MOST_DUAL)
 
@@ -190,7 +190,8 @@ class Eliminated(NamedTuple):
     """Rows with their slacks and elastic variables eliminated.
 
     Attributes:
-        weight: Weights w of the rows, see the module's docstring.
+        weight: Weights w of the rows: if a step of state and controls changes a row by
+            c, its multiplier after the step is w c plus the force.
         force: w o, the multipliers if state and controls do not move.
     """
 
@@ -259,7 +260,7 @@ class Walls:
         )
 
     def excess(self, v: ca.SX, rows: ca.SX) -> ca.SX:
-        """Return c - s + p - n."""
+        """Return c - s + p - n: rows c, slacks s, and elastic variables p and n."""
         found = ca.SX(rows)
         slacks, less, more = self._parts(v)
         for row, s in zip(self.kinds.slack, slacks, strict=True):
@@ -293,7 +294,7 @@ class Walls:
         return ca.vertcat(none, *columns)
 
     def price(self, rho: ca.SX) -> ca.SX:
-        """Return the derivative of the price of broken rows by v."""
+        """Return the derivative of the price of broken rows by the variables v."""
         price = ca.SX.zeros(self.own.size + self.inner, 1)
         for i in self.elastic:
             price[i] = rho
@@ -303,9 +304,10 @@ class Walls:
         """Eliminate slacks and elastic variables from Newton's step.
 
         Args:
-            S: z / d + delta of each variable.
+            S: Of each variable, the sum of z / d over its bounds (z: dual, d: distance
+                to the bound), plus delta.
             slope: Gradient of barrier and price by each variable.
-            excess: c - s + p - n.
+            excess: The residuals c - s + p - n of the rows.
         """
         inverse, off = ca.SX.zeros(self.height, 1), ca.SX(excess)
         parts, slopes = self._parts(S), self._parts(slope)
@@ -385,7 +387,8 @@ def bounded(size: int, sides: Sequence[tuple[float, Sequence[int], ca.SX]]) -> P
 
     Args:
         size: Number of entries of the column.
-        sides: Sign of the bounds, the entries that have them, and the bounds of all.
+        sides: For lower and upper bounds each: the sign (1 or -1), the entries that
+            have such a bound, and a column with the bounds of all entries.
     """
     of = [i for _, entries, _ in sides for i in entries]
     sign = [s for s, entries, _ in sides for _ in entries]

@@ -59,7 +59,10 @@ def placed(names: Sequence[str], sizes: Mapping[str, int]) -> Layout:
 
 
 def kernel_sizes(kernels: Sequence[Kernel]) -> dict[str, int]:
-    """Return the number of rows of each name, and of all states."""
+    """Return the number of rows of each name that kernels read or write.
+
+    A name x whose new value is "next.x" is among them.
+    """
     sizes: dict[str, int] = {}
     for kernel in kernels:
         shape = kernel.code.shape

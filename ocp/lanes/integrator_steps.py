@@ -30,15 +30,17 @@ from swarmstart.ocp.rollout.shooting import Shooting
 class IntegratorSteps:
     """The steps of an interval; numbers are divided by sizes, the cost by `unit`.
 
-    The arguments are y, u, p (here the parameters), unit, `shared` (which contains the
-    sizes, as in the NLP), and the signals a and b at both ends of a step.
+    The arguments are the state y, the controls u, the parameters p, unit, `shared`
+    (which contains the sizes, as in the NLP), and the signals a and b at both ends of a
+    step. f is the state after a step, l its cost, lam the costate after it, and h = l +
+    lam'f.
 
     Attributes:
         value: (y, u, p, unit, shared, a, b) -> (f, l).
-        adjoint: The arguments of `value`, with the costate inserted after u -> gradient
-            of h by (y, u).
-        before: (y, u, p, g, W, lower triangle of V, ...) after a step -> (p, g, W, V)
-            before it.
+        adjoint: (y, u, lam, p, unit, shared, a, b) -> gradient of h by (y, u).
+        before: (y, u, lam, g, W, V, p, ...) after a step -> (lam, g, W, V) before it,
+            with g the gradient of the costs of all later steps, W the Jacobian of the
+            last state, and V the lower triangle of the second derivatives.
         count: Number of steps between two checks.
     """
 

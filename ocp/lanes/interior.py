@@ -195,10 +195,11 @@ class InteriorLanes:
                 `problem.free_starts`.
             states: Guess of the states between intervals, shape (nx, N + 1, M); None:
                 those that the controls lead to.
-            common: Result of the method `common` for these or more instances, whose
-                sizes decide the last digits; None: for these.
-            mu: First parameter of the central path, for a cost of size 1 at the start;
-                small for starts near an optimum. None: FIRST_MU.
+            common: Result of the method `common` for these instances, or for more that
+                include them; its sizes decide the last digits. None: it is computed for
+                these instances.
+            mu: First value of the central path's parameter, for a cost of size 1 at the
+                start; small for starts near an optimum. None: FIRST_MU.
             rho: First price of broken rows, for a cost of size 1 at the start.
             threads: Largest number of threads.
 
@@ -363,7 +364,11 @@ def _given(places: Places) -> list[str]:
 
 
 def state_names(names: Iterable[str]) -> tuple[str, ...]:
-    """Return the names that have a "next." name, those written by a sweep first."""
+    """Return the names x whose new value after a trial has the name "next.x".
+
+    Those in `AIMED` come first, which a sweep (the computation of Newton's step)
+    writes.
+    """
     found = [name.removeprefix(NEXT) for name in names if name.startswith(NEXT)]
     return *AIMED, *(name for name in found if name not in AIMED)
 

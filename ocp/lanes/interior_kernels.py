@@ -246,7 +246,7 @@ class _Maker:
 
         A lane whose `rolled` is set takes the states that its controls lead to; a state
         is replaced by x0 (`home`) if it, or the state one interval later, has an entry
-        of size WILD or more. Another lane takes the given states.
+        of size WILD or more. Any other lane takes the given states.
         """
         interval = self._places.interval
         lane = symbols(rolled=1, mu=1, rho=1, home=self._nx)

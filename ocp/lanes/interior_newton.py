@@ -72,9 +72,10 @@ class Lengths(NamedTuple):
 
     Attributes:
         gain: Directional derivative of the barrier's value.
-        primal: Largest fraction of the step that leaves every variable a part of its
-            distances to bounds.
-        dual: Largest fraction of the step that leaves every dual a part of its value.
+        primal: Largest fraction of the step after which every distance to a bound still
+            has a certain part of its value.
+        dual: Largest fraction of the step after which every dual still has that part of
+            its value.
     """
 
     gain: ca.SX

@@ -92,8 +92,9 @@ class Place:
 class SteppedPlace(Place):
     """An interval whose integrator is computed elsewhere, step by step.
 
-    Its cost is the part that is not integrated. Rows, this cost and the jump to the
-    state after it may depend on the state F after the last step, a given number here.
+    Its cost is the part that is not integrated. The state after the integrator's last
+    step is a given number F. Rows, this cost and the jump to the state after the
+    interval may depend on it.
 
     Attributes:
         stepped: Symbols of given numbers by name. At the point from which Newton's step
@@ -107,7 +108,7 @@ class SteppedPlace(Place):
 
     @cached_property
     def jacobian(self) -> ca.SX:
-        """Derivatives of F by state and controls."""
+        """Derivatives of F, the state after the last step, by state and controls."""
         shape = self.x.numel(), self.z.numel()
         return ca.reshape(self.stepped["J"], *shape)
 
@@ -117,23 +118,29 @@ class SteppedPlace(Place):
         return self.slopes(self.cost).T + self.stepped["Gc"]
 
     def slopes(self, rows: ca.SX) -> ca.SX:
-        """Return the Jacobian of expressions, including their dependence on F."""
+        """Return the Jacobian of expressions, including their dependence on F.
+
+        F is the state after the integrator's last step.
+        """
         direct = ca.jacobian(rows, self.z)
         return direct + ca.jacobian(rows, self.stepped["F"]) @ self.jacobian
 
     def bend(self, one: ca.SX) -> ca.SX:
         """Return the second derivatives of an expression, with its dependence on F.
 
-        The terms with second derivatives of F are left out; they are part of H.
+        F is the state after the integrator's last step. The terms with second
+        derivatives of F are left out; they are part of `stepped["H"]`.
         """
         both = ca.vertcat(self.z, self.stepped["F"])
         chain = ca.vertcat(ca.SX.eye(self.z.numel()), self.jacobian)
         return chain.T @ ca.hessian(one, both)[0] @ chain
 
     def pull(self) -> ca.Function | None:
-        """Return the costate of F; None if it is lam, that of the state after F.
+        """Return the function for the costate of F; None if this costate is always lam.
 
-        (x, u, m, lam, F, parameters, unit, shared, signals) -> shape (nx,).
+        F is the state after the integrator's last step, lam the costate of the state
+        after the interval, and m are the multipliers of the rows. The function is (x,
+        u, m, lam, F, parameters, unit, shared, signals) -> shape (nx,).
         """
         lam, F = ca.SX.sym("lam", self.x.numel()), self.stepped["F"]
         rows = ca.dot(self.kept["m"], self.walls.rows)
@@ -175,9 +182,9 @@ def places_of(program: NonlinearProgram, around: Part | None = None) -> Places:
 
     Args:
         program: NLP of the problem.
-        around: The interval with the state after it as a given number
-            (`interval_around` in transcription.py), if that state is computed
-            elsewhere: then the interval is a `SteppedPlace`.
+        around: The interval as `interval_around` in transcription.py returns it, if the
+            state after its steps is computed elsewhere; the interval of the result is
+            then a `SteppedPlace`. None: the interval contains its steps.
     """
     problem, parts = program.problem, program.parts
     nx = problem.model.nx

@@ -69,7 +69,8 @@ JUDGED = (
 def aimed(end: Place) -> tuple[Named, Named]:
     """Return the symbols that a lane reads after a sweep, and what it writes.
 
-    It writes the new numbers in `AIMED`, and the steps of the variables at the end.
+    A sweep computes Newton's step in all intervals. After it the lane writes the new
+    numbers in `AIMED`, and the steps of the variables at the end.
 
     Args:
         end: The end of the horizon, as a part.

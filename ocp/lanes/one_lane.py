@@ -39,13 +39,13 @@ class OneLane:
         rows: Number of entries of each name that a kernel reads or writes, besides
             those of `shared`.
         shared: Arguments that do not change, by name.
-        state: Names that take the values of their "next." names after a trial.
+        state: Names x that take the value of "next.x" after the trial of a step.
         blank: First value of names that do not begin at 0.
         sizes: Sizes that numbers are divided by.
         weights: 1 / scale of the rows whose scale depends on the initial state.
         inputs: Number of variables of an interval besides its state.
-        least_unit: Least unit of the cost, and the least size of a start's cost that
-            may become the unit.
+        least_unit: Two numbers: the least unit of the cost; and the size that the cost
+            of a start must at least have to become the unit.
         steps: The steps of the integrator.
         pull: Function for the costate after the last step of an interval, before any
             jump; None: it is the costate after the interval.

@@ -28,7 +28,8 @@ class Posed:
         intervals: Number N of intervals.
         sizes: Sizes that numbers are divided by.
         x0: Initial state, without its decided entries, shape (nx,).
-        tied: Matrix, shape (nx, ny): 1 if a state starts at a decision, else 0.
+        tied: Matrix, shape (nx, ny): entry (i, j) is 1 if state i starts at decision j,
+            else 0.
         least: Lower bounds of controls and excesses, shape (nu,).
         most: Upper bounds, same shape.
         first_least: Lower bounds of the decisions about the start, shape (ny,).

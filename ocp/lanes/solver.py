@@ -134,7 +134,8 @@ class LaneSolver:
     def rollouts_per_iteration(self) -> float:
         """Cost of an iteration of a lane, in rollouts.
 
-        It is the ratio of instructions in the functions of one interval.
+        It is the number of instructions of an iteration divided by that of a rollout,
+        each for one interval; at least 1.
         """
         kernels = self._kernels
         each = (kernels.backward, kernels.along, kernels.trial, kernels.keep)
@@ -215,7 +216,7 @@ def random_starts(
     *,
     limits: tuple[Array, Array] | None = None,
 ) -> tuple[Array, Array]:
-    """Return smooth random controls (nu, N, n) and starts (ny, n).
+    """Return smooth random controls (nu, N, n) and decided starts (ny, n).
 
     Controls are piecewise linear between random values at knots: 6 knots for one half
     of the individuals, 12 for the other. They lie around the middle of the bounds, with

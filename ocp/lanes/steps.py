@@ -54,7 +54,7 @@ def are_short(shooting: Shooting, longest: int) -> bool:
 
 
 def is_divisible(problem: OptimalControlProblem) -> bool:
-    """Return whether a core's steps can be intervals of their own, in lanes.
+    """Return whether each step of a problem can be an interval of its own in lanes.
 
     Costs must be integrals, since sums have a term for each interval; and controls must
     be bounded, since only bounds lead controls without an effect to their middle.
@@ -92,7 +92,10 @@ class Steps:
         return self.whole.checks * self.whole.substeps
 
     def x0(self, x0: ArrayLike) -> Array:
-        """Return an initial state whose held controls are the middle of the bounds."""
+        """Return an initial state, with the middle of the bounds for the held controls.
+
+        The held controls are further states of the problem with short intervals.
+        """
         lower, upper = self.whole.control_limits
         state = np.asarray(x0, dtype=np.float64).ravel()
         return np.concatenate([state, (lower + upper) / 2])
@@ -122,7 +125,7 @@ class Steps:
         return found
 
     def starts(self, controls: Array, starts: Array) -> Array:
-        """Return the decisions about the start, with the first controls."""
+        """Return the decisions about the start, with the first controls appended."""
         return np.concatenate([starts, controls[:, 0]])
 
     def states(self, controls: Array, states: Array) -> Array:
@@ -149,7 +152,7 @@ class Steps:
 
 
 def stepwise(problem: OptimalControlProblem) -> Steps:
-    """Return a divisible core with an interval for each step."""
+    """Return a divisible problem (`is_divisible`) with an interval for each step."""
     model, u = problem.model, problem.model.controls
     names = [f"{name} held" for name in model.control_names]
     held = ca.vertcat(*[ca.SX.sym(name) for name in names])

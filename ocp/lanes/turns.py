@@ -22,7 +22,7 @@ class Rows(NamedTuple):
     """Rows of the memory that the loop reads.
 
     Attributes:
-        state: First row of the state.
+        state: First row of the lane's state, the numbers that change from turn to turn.
         aim: First row of the new values of those entries of the state that a sweep
             writes.
         aims: Number of these rows.

@@ -389,7 +389,7 @@ def simulate(  # noqa: PLR0913 - a closed loop in one call
     Args:
         plant: A `Plant`; a `control.InputOutputSystem` with states, continuous or
             sampled with the controller's dt; or any object with `step(x, u, dt)`, which
-            returns the state after dt seconds. The last two have no path between the
+            returns the state after dt seconds. Only a `Plant` has a path between the
             control instants.
         controller: Controller that decides at each control instant.
         x0: State at the start, shape (nx,).

@@ -207,7 +207,9 @@ def known_at(
 
 
 def of_given_length(problem: OptimalControlProblem) -> OptimalControlProblem:
-    """Return a problem whose core has the length of a plan as its last state.
+    """Return a problem that is given the length of each plan with the initial state.
+
+    The length is the last state of the problem after all rewrites (core).
 
     Raises:
         InvalidProblemError: If a control has a delay, or a signal is held.
@@ -252,7 +254,8 @@ class RecedingHorizon:
         shift: Whether planning starts from the last plan shifted by one interval; else
             it starts from the last plan unchanged, which is one interval late.
         first: Controls (nu, N), or a Start with states, from which the first plan
-            begins; None: unknown. Without search and polish, they are the first plan.
+            begins; None: no guess. If the planner has neither search nor polish, these
+            controls are the first plan.
         period: Time from one plan to the next [s], for a free end time or `until`.
             The horizon shrinks with a constant number of intervals. The run ends when
             the end time is at most one period, or when the remainder after a period
@@ -263,22 +266,24 @@ class RecedingHorizon:
             input. None: the horizon recedes for ever.
         previous: Control of the interval before the run, shape (nu,); None: the allowed
             value nearest to zero.
-        carries: Whether a polish also starts from the multipliers of the last plan. Set
-            it to False if the meaning of the signals changes from plan to plan. Such a
-            polish is stopped after three times the median iterations of the earlier
-            ones, but not before 20; it is then repeated from the usual start.
+        carries: Whether a polish also starts from the multipliers of the last plan.
+            Such a polish is stopped after three times the median iterations of the
+            earlier ones, but not before 20; it is then repeated from the usual start.
+            Set `carries` to False if the meaning of the signals changes from plan to
+            plan.
         within: Limit of the wall time for one plan [s], without loading and compiling.
             At the limit search and polish are stopped, and the best plan so far (by
-            violation, then cost) is applied. It is never worse than the shifted last
-            plan or the start. `Plan.stopped` is then true. A generation or an iteration
-            that has begun is finished, and lanes are not used. None: no limit.
+            violation, then cost) is applied; its `Plan.stopped` is true. This plan is
+            never worse than the shifted last plan or the start. A generation or an
+            iteration that has begun is finished, and lanes are not used. None: no
+            limit.
 
     Raises:
-        InvalidProblemError: If the end time is free and there is no period or it may
-            not shrink to one period; if there is `until` and the end time is free, a
-            control has a delay, or time is discrete; if the members of an ensemble
-            share no control; or if there is a limit `within`, and the search uses lanes
-            or the polish cannot be stopped.
+        InvalidProblemError: If the end time is free and may not shrink to one period;
+            if there is a period, but neither a free end time nor `until`; if there is
+            `until` and the end time is free, a control has a delay, or time is
+            discrete; if the members of an ensemble share no control; or if there is a
+            limit `within`, and the search uses lanes or the polish cannot be stopped.
 
     Example:
         >>> import casadi as ca
@@ -454,7 +459,7 @@ class RecedingHorizon:
             seen: Further signals, after those of the reference, each of shape (k,
                 nodes): plans of other agents.
             length: Expected length of the plan [s]; None: the horizon, or the guess of
-                a free one.
+                a free end time.
         """
         stated = self.planner.stated
         known = known_at(stated, time, self.reference, self.parameters, seen, length)
@@ -789,7 +794,7 @@ class OpenLoop:
 
     @property
     def dt(self) -> float:
-        """Length of a control interval [s]; of a free end time, its guess."""
+        """Length of a control interval [s]; for a free end time, that of its guess."""
         stated = self.loop.planner.stated
         return float(stated.expected_times[-1]) / stated.intervals
 

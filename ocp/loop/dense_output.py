@@ -78,7 +78,7 @@ class DenseOutput:
     Attributes:
         step: Length of a piece, which is one step of the plant [s].
         curves: Bernstein coefficients of each state on each piece, shape
-            (nx, pieces, 6); neither copied nor locked.
+            (nx, pieces, 6); the array is neither copied nor made read-only.
     """
 
     step: float

@@ -63,7 +63,11 @@ SLACK = 1e-9
 
 
 class UncertifiedSetError(InvalidProblemError):
-    """A terminal set is not certified for the hold time or bounds of the inputs."""
+    """A terminal set is not certified for the inputs of the loop.
+
+    The certificate is missing, not proven in every part, or for inputs that are held
+    for another time; or the law exceeds the bounds of the controls.
+    """
 
 
 @checked(
@@ -76,7 +80,7 @@ class DualMode(Called):
     """A team that switches to linear laws when all agents are in their terminal sets.
 
     Attributes:
-        team: Plans while any agent is outside its set.
+        team: Controller that plans while any agent is outside its set.
         sets: The terminal set of each agent.
         targets: The moving reference of each agent.
         uncertified: Whether sets that are not proven in every part were accepted.

@@ -340,16 +340,16 @@ class LocalTeam(Called):
     def within_range(
         self, shown: Mapping[int, Array], states: Array, number: int
     ) -> list[int]:
-        """Return the agents whose plans come within range of another agent's last plan.
+        """Return the agents whose plans come within range of a given agent's last plan.
 
         Args:
             shown: Plans by the number of their agent, each (nx, nodes).
             states: States of all agents now, shape (agents, nx). An agent without a
                 last plan is assumed to keep its present position.
-            number: Number of the agent.
+            number: Number of the given agent.
 
         Returns:
-            The numbers of these agents.
+            The numbers of the agents within range.
         """
         rows = list(self.position)
         # One column for all nodes: without a plan it stays.

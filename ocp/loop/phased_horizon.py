@@ -194,7 +194,10 @@ class PhasedHorizon:
         *,
         rng: np.random.Generator,
     ) -> Decision:
-        """Return the decision of a new plan at the state's time; see Controller."""
+        """Plan from the state, which contains the time, and return the decision.
+
+        See Controller; the argument `time` is not used.
+        """
         del time  # It is a state of the plant.
         if np.size(state) != self.model.nx:
             raise refused("state", state, f"an array of shape ({self.model.nx},)")

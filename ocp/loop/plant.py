@@ -66,12 +66,12 @@ _STEP = {
 def at_both_ends(
     rows: Callable[[Array], Array], begins: Array, ends: Array
 ) -> tuple[Array, Array]:
-    """Return functions of time where steps begin and end, each of shape (rows, n).
+    """Return values of functions where steps begin and end, each of shape (rows, n).
 
-    If a function jumps at an end, it is its value just before, which it had until then.
+    If a function jumps at the end of a step, its value just before the jump is taken.
 
     Args:
-        rows: Times, shape (n,) [s] -> values, shape (rows, n).
+        rows: The functions: times, shape (n,) [s] -> values, shape (rows, n).
         begins: Times at which the steps begin, shape (n,) [s].
         ends: Times at which they end, shape (n,) [s].
     """
@@ -84,13 +84,13 @@ def at_both_ends(
 
 
 def rows_before_jumps(rows: Callable[[Array], Array], times: Array) -> Array:
-    """Return functions of time along control intervals, shape (rows, T * (m + 1)).
+    """Return values of functions along control intervals, shape (rows, T * (m + 1)).
 
-    Like a control, a value that jumps at the end of an interval has its earlier value
-    there; the next interval begins with the later one.
+    A function that jumps at the end of an interval has, like a control, its value
+    before the jump there; the next interval begins with the value after the jump.
 
     Args:
-        rows: Times, shape (n,) [s] -> values, shape (n,) or (rows, n).
+        rows: The functions: times, shape (n,) [s] -> values, shape (n,) or (rows, n).
         times: Times along T intervals, shape (T, m + 1) [s]; if the end of an interval
             changes the state, the last time stands twice.
     """
@@ -225,7 +225,7 @@ class Plant(Called):
 
     @checked(refused, state=reals(axes=1), controls=reals(axes=2), time=a_number())
     def along(self, state: Array, controls: Array, time: float = 0.0) -> Array:
-        """Return the states after each step, with controls linear over each of them.
+        """Return the states after each step; controls are linear in time within a step.
 
         Args:
             state: State at the start of the interval, shape (nx,).
@@ -274,7 +274,9 @@ class Plant(Called):
 
     @checked(refused, **_STEP)
     def until_end(self, state: Array, control: Array, time: float = 0.0) -> Array:
-        """Return the states of a call, without the jump at the end of the interval.
+        """Return the states after each step, without the jump at the interval's end.
+
+        Except for this jump, they are those that a call of the plant returns.
 
         Args:
             state: State at the start of the interval, shape (nx,).
@@ -486,7 +488,8 @@ class SteppedPlant(Called):
         substeps: Always 1.
         state_names: The object's names of the states, if it has any.
         control_names: The object's names of the controls, if it has any.
-        output_names: Names of the outputs, of a system of python-control; else empty.
+        output_names: Names of the outputs if the object is a system of python-control;
+            else empty.
         units: The object's units of states and controls by name, if it has any.
 
     Example:
@@ -541,7 +544,7 @@ class SteppedPlant(Called):
 
     @property
     def nx(self) -> int | None:
-        """Number of states, of a system of python-control; else None: not known."""
+        """Number of states of a system of python-control; None for any other object."""
         return None if self._system is None else len(self.state_names)
 
     @checked(refused, states=_ROWS, controls=_ROWS, times=_TIMES)

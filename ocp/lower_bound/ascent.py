@@ -64,7 +64,7 @@ ABOVE = 1e-6
 
 @dataclass(eq=False)
 class Best:
-    """The best bound so far, of the cost of a statement without the offset."""
+    """The best bound so far of the cost of a `Statement`, its offset left out."""
 
     statement: Statement
     value: float

@@ -153,7 +153,7 @@ class Box:
 
     @classmethod
     def around(cls, lower: Array, upper: Array) -> Box:
-        """Return the box between two corners; no side has length 0."""
+        """Return the box between two corners; sides of length 0 are widened."""
         half = (upper - lower) / 2
         smallest = 1e-9 * max(1.0, float(np.abs([lower, upper]).max()))
         return cls((upper + lower) / 2, np.maximum(half, smallest))

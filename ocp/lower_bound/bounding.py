@@ -106,8 +106,9 @@ def lower_bound(  # noqa: PLR0913 - everything but the problem has a default
             budget, "bounding").
 
     Returns:
-        The best bound that was proven; one of kind NONE, with a reason, without one.
-        After Ctrl-C the best bound so far is returned, as at the end of the time.
+        The best bound that was proven; if there is no bound, a result of kind NONE with
+        the reason. After Ctrl-C the best bound so far is returned, as at the end of the
+        time.
 
     Raises:
         InvalidProblemError: If a shape does not fit the problem, or work or seconds is

@@ -61,7 +61,10 @@ class Bounds(NamedTuple):
 
 
 class Inequality:
-    """Lower bounds over boxes of h (see above), for every polynomial of a degree."""
+    """Lower bounds over boxes of h = V_t + L + V_x f, for every V of a degree.
+
+    V(t, x) is a polynomial, f the right-hand side, and L the stage cost.
+    """
 
     def __init__(
         self, statement: Statement, affine: Affine | None, basis: Basis
@@ -89,7 +92,7 @@ class Inequality:
 
     @property
     def with_controls(self) -> bool:
-        """True if boxes have the controls as coordinates."""
+        """True if boxes have the coordinates (t, x, u); False if they have (t, x)."""
         return self._affine is None
 
     def bounds(self, parameters: Array, lower: Array, upper: Array) -> Bounds:
@@ -219,9 +222,10 @@ def _of_kink(box: tuple[float, float], about: tuple[Array, Array]) -> _Line:
 
 
 class Quadratic(NamedTuple):
-    """Functions that are at least constant + g'd + d'Hd / 2 - rest over m boxes.
+    """Lower bounds constant + g'd + d'Hd / 2 - rest of functions over m boxes.
 
-    d is the deviation from the middle of a box.
+    In this formula d is the deviation from the middle of a box, a vector; in the
+    shapes d is its length.
 
     Attributes:
         reach: Half widths of the boxes, shape (d, m).
@@ -241,7 +245,7 @@ class Quadratic(NamedTuple):
 
 
 def settled(at: Quadratic, pairs: list[tuple[int, int]]) -> Bounds:
-    """Return lower bounds over the boxes, rounded down."""
+    """Return the least values of quadratic bounds over their boxes, rounded down."""
     least, spread = least_quadratic(at.slope, at.bend, at.reach, pairs)
     size = np.abs(at.constant) + spread.sum(axis=0) + at.rest
     low = at.constant + least - at.rest - PADDING * size
@@ -254,7 +258,7 @@ def settled(at: Quadratic, pairs: list[tuple[int, int]]) -> Bounds:
 
 
 class Margin:
-    """Lower bounds over boxes of an expression with a polynomial's parameters."""
+    """Lower bounds over boxes of an expression with a polynomial's parameters in it."""
 
     def __init__(self, expression: ca.SX, point: ca.SX, parameters: ca.SX) -> None:
         """Form the derivatives of the expression.
@@ -270,7 +274,7 @@ class Margin:
         self._form = TaylorForm([expression], point, parameters)
 
     def bounds(self, parameters: Array, lower: Array, upper: Array) -> Bounds:
-        """Return lower bounds over boxes, shape (d, m); see Inequality."""
+        """Return lower bounds over m boxes, whose corners have the shape (d, m)."""
         with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
             at = self._form.expanded(lower, upper, parameters)
             return settled(
@@ -301,23 +305,28 @@ class Stage:
             self._columns = ca.Function("columns", [point], [columns])
 
     def rates(self, points: Array, u: Array) -> tuple[Array, Array]:
-        """Return f (n, N) and L (N,) at points (1 + n, N), controls (m, N)."""
+        """Return rates f (n, N) and stage costs L (N,).
+
+        Args:
+            points: Points (t, x), shape (1 + n, N).
+            u: Controls, shape (m, N).
+        """
         found = np.array(self._rates(points, u))
         return found[:-1], found[-1]
 
     def end(self, points: Array) -> Array:
-        """Return phi at points (1 + n, N), shape (N,)."""
+        """Return the terminal cost at points (t, x), (1 + n, N); shape (N,)."""
         return np.array(self._end(points)).ravel()
 
     def hamiltonian(
         self, slopes: Array, points: Array, u: Array | None = None
     ) -> tuple[Array, Array]:
-        """Return h and the controls that minimise it.
+        """Return h = V_t + L + V_x f at points, and the controls used.
 
         Args:
             slopes: Derivatives of V, shape (1 + n, N).
             points: Points (t, x), shape (1 + n, N).
-            u: Controls to use, shape (m, N); None means the best ones.
+            u: Controls, shape (m, N); None means those that minimise h.
 
         Returns:
             h, shape (N,), not finite at points at which the problem is not finite;

@@ -139,7 +139,11 @@ class _Newton:
         return np.asarray(self._sizes * inner)
 
     def step(self, wanted: Array) -> tuple[Array, Array, Array]:
-        """Return steps of w, s = A w + b and the duals z for a change of z s, (N,)."""
+        """Return steps of w, of s = A w + b and of the duals z, for a change of z s.
+
+        Args:
+            wanted: The change of z s of each row, shape (N,).
+        """
         pushed = (wanted - self._z * self._short) / self._s
         right = self._dual + self._A.T @ pushed
         dw = self._solved(right)

@@ -34,9 +34,10 @@ class Floor:
         slack: The function is at least -slack on the set, if `proven`.
         proven: Whether the slack is proven; False if a box has no bound at all.
         boxes: Number of boxes searched.
-        points: Points of the set at which the function is below the target, shape
-            (d, N), the lowest first.
-        lowest: Least value found; infinite without points.
+        points: Points of the set at which the function is less than minus the target
+            of the slack, shape (d, N), the lowest first.
+        lowest: Least value of the function at these points; infinite if there are no
+            such points.
     """
 
     slack: float
@@ -53,7 +54,7 @@ class Limits:
     Attributes:
         until: Value of `machine_code.now()`, which counts work, at which the search
             ends.
-        useless: Slack from which the outcome would be useless.
+        useless: Slack at or above which the outcome would be useless.
         max_boxes: Largest number of boxes.
     """
 
@@ -79,11 +80,11 @@ def proven_floor(
     Args:
         bounds: (lower, upper corners of boxes, each (d, m)) -> lower bounds of the
             function.
-        outside: The same arguments -> mask of boxes certainly without a point of the
-            set.
+        outside: (lower, upper corners of boxes) -> mask of the boxes that certainly
+            have no point of the set.
         value: Points (d, N) -> values of the function; infinite for points outside of
             the set.
-        start: Boxes that cover the set, (d, m) each.
+        start: Lower and upper corners of boxes that cover the set, each (d, m).
         hoped: Target of the slack, > 0.
         limits: Limits at which the search ends.
     """

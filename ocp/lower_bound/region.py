@@ -94,7 +94,10 @@ class Region:
 
     @cached_property
     def paving(self) -> tuple[Array, Array]:
-        """Boxes that cover the set, about PAVING of them, each (1 + n, m)."""
+        """Lower and upper corners of boxes that cover the set, each (1 + n, m).
+
+        There are about PAVING boxes.
+        """
         lower, upper = tubes.starting_boxes(self.tube)
         low, high = (limit[:, None] for limit in self.statement.state_box)
         lower[1:], upper[1:] = np.maximum(lower[1:], low), np.minimum(upper[1:], high)
@@ -141,7 +144,7 @@ class Region:
         return points[:, self.inside(points)]
 
     def end_boxes(self) -> tuple[Array, Array]:
-        """Return boxes that cover the admissible ends, each (1 + n, m)."""
+        """Return lower and upper corners of boxes that cover the admissible ends."""
         earliest, latest = self.statement.horizon
         lower, upper = self.paving
         reaches = upper[0] >= earliest
@@ -173,7 +176,7 @@ class Region:
 
 
 class Rows:
-    """Expressions that must be at most 0, over boxes and at points."""
+    """Expressions that must be at most 0; tested over boxes or at points."""
 
     def __init__(self, expressions: Sequence[ca.SX], point: ca.SX) -> None:
         """Compile the expressions, at least one."""

@@ -386,7 +386,7 @@ class _Failing:
 
 
 def loss_of(step: Step, latest: float) -> float:
-    """Return the loss of the bound by a step's slacks."""
+    """Return the number that the slacks of a step subtract from its bound."""
     return step.slack * latest + (step.end_slack or 0.0)
 
 

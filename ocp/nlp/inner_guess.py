@@ -2,10 +2,10 @@
 
 The states at the collocation points come from the problem's integrator, started at the
 beginning of a check. A correction that grows linearly in time is added, so that they
-end at the given state at the check's end. If the integrator misses this state by more
-than its distance from the beginning, the states lie on a straight line instead.
-Algebraic variables come from Newton's method; if the method fails, they are its start
-values.
+end at the given state at the check's end. If the integrator misses the given state, in
+any component, by more than this component changes over the check, the states lie on a
+straight line instead. Algebraic variables come from Newton's method; if the method
+fails, they are its start values.
 """
 
 import casadi as ca
@@ -68,7 +68,9 @@ class InnerGuess:
         return np.concatenate([np.empty((0, N)), *inner])
 
     def pieces_of(self, nodes: Array) -> Array:
-        """Return states at the nodes as pairs at both ends of each check.
+        """Return states at the nodes by interval, shape (nx, checks + 1, N).
+
+        A node between two intervals belongs to both.
 
         Args:
             nodes: States at the nodes, shape (nx, nodes).
@@ -82,7 +84,10 @@ class InnerGuess:
         known: tuple[Array, Array],
         sizes: Sizes,
     ) -> Array:
-        """Return the states that the evaluator reaches from the start of each interval.
+        """Return the states that the evaluator reaches, shape (nx, checks + 1, N).
+
+        They are the given start of each interval, and the states at its checks that the
+        evaluator reaches from there.
 
         Args:
             controls: Controls, shape (nu, N).

@@ -94,7 +94,7 @@ class IntegerPolisher:
 
         Args:
             starts: Starts, at least one, the best first.
-            x0: Initial state, shape (nx,), with the guess of the decisions about it.
+            x0: Initial state, shape (nx,); its decided entries are guesses.
             known: Values of the parameters and signals.
             near: Whether the starts are answers that the solver should stay near; see
                 Polisher.

@@ -161,8 +161,8 @@ def over_intervals(
         same: Indices of the arguments that are the same for all intervals.
         apart: Numbers of the outputs, in groups that are not needed together; each
             group becomes a function.
-        compiled: Whether machine code is wanted, if it is possible. Then there is one
-            function, which evaluates all outputs at once.
+        compiled: Whether to make machine code if that is possible. With machine code
+            there is one function, which evaluates all outputs at once.
     """
     if compiled:
         try:

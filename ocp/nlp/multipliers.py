@@ -210,7 +210,7 @@ class Duals:
 
 
 def duals_of(point: NlpPoint) -> Duals:
-    """Return the multipliers of a point without scaling."""
+    """Return the multipliers of a point in the units of the rewritten problem."""
     rows, bounds = units_of(point.program, point.q, point.cost_size)
     return Duals(point.lam_g * rows, point.lam_x * bounds)
 
@@ -218,7 +218,9 @@ def duals_of(point: NlpPoint) -> Duals:
 def units_of(
     program: NonlinearProgram, q: Array, cost_size: float
 ) -> tuple[Array, Array]:
-    """Return the units of the multipliers of rows (ng,) and of bounds (nw,).
+    """Return the factors from the NLP's multipliers to those of the rewritten problem.
+
+    They are those of the rows, shape (ng,), and of the bounds, shape (nw,).
 
     Args:
         program: The NLP.
@@ -263,7 +265,9 @@ def columns_of(program: NonlinearProgram, duals: Duals) -> tuple[Array, Array]:
 
 
 def shifted_duals(program: NonlinearProgram, duals: Duals) -> Duals:
-    """Return multipliers one interval later; those of the last interval are repeated.
+    """Return multipliers for a horizon that begins one interval later.
+
+    Those of the last interval are repeated.
 
     Args:
         program: The NLP that they belong to.

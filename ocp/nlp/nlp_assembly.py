@@ -90,7 +90,11 @@ class Parts(NamedTuple):
         return several if self.begin is None else (*several, self.begin)
 
     def argument_sizes(self, problem: OptimalControlProblem) -> list[int]:
-        """Return the lengths of x0, shared, the parts' weights and signals in q."""
+        """Return the lengths of the pieces of the NLP's arguments q.
+
+        These are x0, the numbers shared by all parts, the weights of each part's rows,
+        and the signals.
+        """
         weights = [len(part.rows.places) for part in self.present]
         shared = self.interval.values.numel_in(1) - weights[0]
         return [problem.model.nx, shared, *weights, problem.ns * problem.nodes]
@@ -195,7 +199,10 @@ class Mapped:
         return ca.densify(ca.vertcat(ca.vec(g[0] - reached), *g[1:], *ties))
 
     def ties(self) -> tuple[Index, Index]:
-        """Return the indices in w of tied controls, and of those that they equal."""
+        """Return the indices in w of tied controls, and of those that they must equal.
+
+        w are the variables of the NLP.
+        """
         step = self.nu + self.nx
         now, before = (
             # From ca.vec of u to w.
@@ -207,7 +214,10 @@ class Mapped:
         return now, before
 
     def place(self, k: int) -> list[int]:
-        """Return the indices in w of an interval's z; -1 for a given start."""
+        """Return the indices in w, the NLP's variables, of an interval's z = (x, u).
+
+        A state whose start is given is no variable; its index is -1.
+        """
         step = self.nu + self.nx
         if k == 0:
             place = {i: self.N * step + j for j, i in enumerate(self.free)}

@@ -335,7 +335,10 @@ class _Checks(NamedTuple):
 def corrected(
     point: NlpPoint, sizes: Sizes, parameters: Array, signals: Array
 ) -> tuple[Array, Limits] | None:
-    """Return the next start and the limits with shifted equations of motion.
+    """Return the start and the limits of a further solve, nearer to the evaluator.
+
+    In its limits the equations of motion are shifted, so that each interval leads to
+    the state that the evaluator reaches.
 
     Algebraic equations are not changed.
 

@@ -234,7 +234,7 @@ class NlpSource:
         return f"x[{index}]"
 
     def describe(self, row: int) -> str:
-        """Return the row's expression, shortened."""
+        """Return a row's expression, shortened; for a bound, its variable's name."""
         own = self.arguments["lbg"].size
         if row < own:
             return shortened(self.nlp["g"][row])

@@ -151,11 +151,11 @@ def stationarity(point: NlpPoint) -> float:
 def least_multipliers(
     program: NonlinearProgram, w: Array, q: Array, limits: Limits
 ) -> tuple[Array, Array, Array]:
-    """Return the multipliers at a feasible point with the least residual.
+    """Return the multipliers with the least residual, at a feasible point.
 
-    They minimise |grad f + J' lam_g + lam_x|, are zero at limits that are not active,
-    and of the right sign at the others. At an optimum whose active limits are
-    independent they are its multipliers.
+    They minimise |grad f + J' lam_g + lam_x|, with the cost f and the Jacobian J of the
+    rows. They are zero at limits that are not active, and have the right sign at the
+    others. At an optimum whose active limits are independent they are its multipliers.
 
     Args:
         program: The NLP.
@@ -395,9 +395,10 @@ def _derivatives(
 
 
 def rooms(point: NlpPoint) -> tuple[Array, Array]:
-    """Return distances of rows and variables to limits; below 0: always active.
+    """Return the distances of rows and variables to their limits.
 
-    A limit counts as active if its multiplier is larger than this distance.
+    A limit counts as active if its multiplier is larger than this distance. For
+    equalities, which are always active, a negative number is returned.
 
     Returns:
         Distance of each row, shape (ng,), and of each variable, shape (nw,).

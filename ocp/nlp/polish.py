@@ -322,7 +322,7 @@ class Polisher(Called):
 
         Args:
             controls: The guess, shape (nu, N), clipped to the bounds; not changed.
-            x0: Initial state, shape (nx,), with the guess of the decisions about it.
+            x0: Initial state, shape (nx,); its decided entries are guesses.
             known: Values of the parameters and signals.
             states: Start of the solver for the states at the nodes, shape (nx, nodes);
                 they need not be consistent with the controls. None: the states that the

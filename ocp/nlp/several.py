@@ -26,7 +26,7 @@ class Packed(NamedTuple):
 
     Attributes:
         found: The answer, without its point.
-        point: Point of the answer, without the NLP; None without one.
+        point: Point of the answer, without the NLP; None if the answer has no point.
         steps: Steps of the NLP.
     """
 
@@ -111,7 +111,7 @@ def _unpacked(packed: Packed, solvers: NlpSolvers) -> Polished:
 def polished_from(
     polisher: Polisher, start: Start, x0: ArrayLike, known: Known, *, near: bool
 ) -> Polished:
-    """Return the polish from a start.
+    """Polish from a start, and return the answer.
 
     Args:
         polisher: The polisher.

@@ -117,7 +117,7 @@ class NonlinearProgram(Rebuilt):
 
     @property
     def derivatives(self) -> dict[str, ca.Function]:
-        """The functions "grad_f", "jac_g" and "hess_lag", as nlpsol's IPOPT takes."""
+        """The functions "grad_f", "jac_g" and "hess_lag", in the form IPOPT takes."""
         return self._functions.derivatives
 
     @cached_property
@@ -440,10 +440,11 @@ def _shared_symbols(problem: OptimalControlProblem) -> _Shared:
 
 
 def interval_around(shooting: Shooting) -> Part:
-    """Return an interval whose state after it is given: z = (x, u, e, x after).
+    """Return an interval that is not integrated: z = (x, u, e, x after).
 
-    Its cost is the part that is not integrated. Its rows inside the interval are not
-    valid.
+    The state after the interval, x after, is one of the variables; e are the excesses
+    of soft constraints. The cost is without the integral of the stage cost. Rows at
+    checks inside the interval are not valid.
 
     Args:
         shooting: The functions of a problem without collocation.

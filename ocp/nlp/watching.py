@@ -183,7 +183,7 @@ class Watch(Protocol):
         """Receive the work of a solve."""
 
     def answered(self, answer: Answer, cost: float, violation: float) -> None:
-        """Receive an answer of a solver, with its value at the checks."""
+        """Receive an answer of a solver, with its cost and violation at the checks."""
 
 
 class Unwatched:
@@ -358,7 +358,7 @@ class Deadline(Relay):
         return replace(budget, seconds=left) if self._limits_search else budget
 
     def searched(self, result: SearchResult) -> None:
-        """Pass the result on; note if it is that of a shortened search."""
+        """Pass the result on; note if the deadline cut the search short."""
         if self._limits_search and result.stopped is StopReason.SECONDS:
             self.stopped = True
         self.watch.searched(result)
@@ -445,7 +445,7 @@ def stops_nothing(watch: Watch) -> bool:
 
 
 def deadline_of(watch: Watch) -> Deadline | None:
-    """Return the `Deadline` that a watch is or passes on to; None without one."""
+    """Return the `Deadline` that a watch is or passes on to, or None."""
     if isinstance(watch, Deadline):
         return watch
     return deadline_of(watch.watch) if isinstance(watch, Relay) else None
@@ -460,7 +460,7 @@ def expect_starts(watch: Watch, more: int) -> None:
 
 
 def is_late(watch: Watch) -> bool:
-    """Return whether the time of a step is over, so that further work is left out."""
+    """Return whether the deadline of a watch, if it has one, has passed."""
     deadline = deadline_of(watch)
     return deadline is not None and deadline.is_late
 

@@ -278,7 +278,8 @@ class ConstraintRows:
         """Return the excess of each row, and whether the upper limit is the nearer one.
 
         Both have shape (rows, points). The excess is negative inside the limits, and
-        infinite if the row is not a finite number.
+        infinity if the row is not a finite number. A row without limits has the excess
+        -infinity in any case.
 
         Args:
             x: States, shape (nx, points).

@@ -293,7 +293,7 @@ class Fitness(Called):
     def followed(
         self, controls: Array, x0: ArrayLike, known: Known = NOTHING
     ) -> tuple[Array, float]:
-        """Return the states at the nodes, and the largest scaled excess of the start.
+        """Return the states at the nodes, and the largest scaled excess at the start.
 
         The excess is of state bounds and of path constraints without controls, relative
         to their scales; 0 if the start keeps them.

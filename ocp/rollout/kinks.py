@@ -74,8 +74,9 @@ class Kinks:
 
     Attributes:
         names: Name of each switch, for messages.
-        sides: Function (x, u, p, s, sizes of x, sizes of u) -> side of each switch, and
-            the change of the side over these sizes, each (n, 1).
+        sides: Function (x, u, p, s, sizes of x, sizes of u) -> side of each switch, an
+            expression that is zero where the operation switches; and the change of the
+            side over these sizes; each (n, 1).
         steps: Whether a switch occurs at every whole number, as for floor; shape (n,).
     """
 
@@ -220,12 +221,12 @@ def _switch(node: ca.SX, of: list[ca.SX]) -> tuple[str, ca.SX, bool] | None:
 def smoothed(
     problem: OptimalControlProblem, sizes: Sequence[float], part: float
 ) -> OptimalControlProblem:
-    """Return a problem without kinks, each rounded over a part of its size.
+    """Return a problem whose kinks are rounded; jumps are not changed.
 
     Args:
         problem: The problem.
         sizes: Size of each kink, as `kink_sizes` returns them.
-        part: Factor delta of the module's docstring.
+        part: Factor delta: a kink is rounded over delta times its size.
     """
     kinked = _Kinked(problem)
     found = kinked.rewritten([part * size for size in sizes])
@@ -253,11 +254,12 @@ def smoothed(
 def kink_sizes(
     problem: OptimalControlProblem | Shooting, x0: ArrayLike, known: Known
 ) -> list[float]:
-    """Return the size of each kink around a start; 1 if that is 0 or not a number.
+    """Return the size of each kink around a start; 1 if that is 0 or not finite.
+
+    The list is empty if the problem has no kinks.
 
     Args:
-        problem: The problem, or its compiled functions. The list is empty without
-            kinks.
+        problem: The problem, or its compiled functions.
         x0: Initial state, shape (nx,).
         known: Values of the parameters and signals.
     """

@@ -53,8 +53,9 @@ class Path:
         outputs: Outputs of the model at these times, with the control held from each
             time on, shape (ny, n).
         cost: Cost along the path; multiplied by -1 if it is maximised.
-        magnitude: Integral of |stage cost| plus |terminal cost|; of a cost in which a
-            state stands alone, its value at the start is subtracted first.
+        magnitude: Integral of |stage cost| plus |terminal cost|. If a state stands
+            alone in a cost, as x in x + y^2, the cost's value at the start is
+            subtracted first.
         outside: Constraints that the start breaks.
         broken: The worst excess of each constraint row, the worst first.
         kinks: Names of the kinks and jumps that the path touches.
@@ -103,8 +104,8 @@ class Tracer:
         step_cost: Function (x, u, p, s) -> step cost.
         end_cost: Function (x, p, s) -> terminal cost.
         first_cost: Function (x, p, s) -> initial cost.
-        moved: Whether a state stands alone in the stage cost, and in the terminal cost,
-            shape (2,).
+        moved: Whether a state stands alone, as x in x + y^2, in the stage cost, and in
+            the terminal cost, shape (2,).
     """
 
     def __init__(

@@ -143,7 +143,10 @@ def node_terms(problem: OptimalControlProblem) -> ca.Function:
 
 
 def check_violation(shooting: Shooting) -> ca.Function:
-    """Return a function (x, u, p, s at both ends of a check) -> excess of the path."""
+    """Return the function (x, u, p, s at both ends of a check) -> path violation.
+
+    It is the sum of the violations of all path constraints.
+    """
     problem = shooting.problem
     before, after = (
         [ca.SX.sym(n, s.numel()) for n, s in problem.symbols().items()]

@@ -305,8 +305,8 @@ class Sizing:
     ) -> float:
         """Return the sum of dt |stage cost| plus |terminal cost| at the nodes.
 
-        From a cost that moves with the origin of a state, its first value is
-        subtracted.
+        If a state stands alone in a cost, as x in x + y^2, the cost's first value is
+        subtracted, since it depends on the origin of x.
 
         Args:
             states: States at the nodes, shape (nx, nodes).

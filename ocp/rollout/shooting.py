@@ -100,7 +100,7 @@ class Shooting(Rebuilt):
 
     @cached_property
     def jump_slopes(self) -> ca.Function:
-        """(x, u, p, s) -> the derivative of the state after a jump by that before."""
+        """(x, u, p, s) -> derivative of the state after a jump by that before it."""
         return self.jump.factory("slopes", self.jump.name_in(), ["jac:o0:i0"])
 
     @cached_property
@@ -139,7 +139,7 @@ class Shooting(Rebuilt):
 
     @cached_property
     def path_values(self) -> tuple[ca.Function, ...]:
-        """Function (x, u, p, s) -> the expression, of each path constraint."""
+        """For each path constraint, the function (x, u, p, s) -> its expression."""
         names = [*self.problem.symbols().values()]
         return tuple(
             ca.Function("watched", names, [c.expression])
@@ -215,10 +215,11 @@ class Shooting(Rebuilt):
     def stage(self) -> ca.Function:
         """Function of one control interval; whole numbers are rounded in it.
 
-        (x, u, p, S) -> (states, cost, violation), with p as in the module's docstring,
-        S the signals at the nodes of the interval, shape (ns, checks + 1), and the
-        states after each check, shape (nx, checks). With step size control, it is a
-        function of calls, not an SX function.
+        (x, u, p, S) -> (states, cost, violation). p has the model's parameters, then
+        the numbers that `automatic` returns. S are the signals at the nodes of the
+        interval, shape (ns, checks + 1); the states are those after each check, shape
+        (nx, checks). With step size control, it is a function of calls, not an SX
+        function.
         """
         if self.problem.is_adaptive:
             return adaptive_stage(self.problem, self.tick, _closing(self))
@@ -266,8 +267,8 @@ class Shooting(Rebuilt):
     def begin(self) -> ca.Function:
         """Function (x, p, s) -> (cost, violation) at the start of the horizon.
 
-        p is `parameters` of the module's docstring. The violation is that of the rows
-        that are checked at a decided start.
+        p is as in `stage`. The violation is that of the rows that are checked at a
+        decided start.
         """
         return _begin(self)
 
@@ -280,8 +281,7 @@ class Shooting(Rebuilt):
     def terminal(self) -> ca.Function:
         """Function (x, p, s) -> (cost, violation) at the end of the horizon.
 
-        p is `parameters` of the module's docstring. The violation is infinite if a
-        state is not finite.
+        p is as in `stage`. The violation is infinite if a state is not finite.
         """
         return _terminal(self.problem)
 
@@ -303,7 +303,7 @@ class Shooting(Rebuilt):
         """Function (decisions, x0, parameters, signals) -> (states, outside).
 
         The states are at the nodes, shape (nx, nodes). `outside` is the largest scaled
-        excess at the start of rows without controls.
+        excess of the rows without controls, at the start of the horizon.
         """
         return _trajectory(self)
 
@@ -380,7 +380,10 @@ class Shooting(Rebuilt):
         return s
 
     def rate(self, u: ca.SX, p: ca.SX, ends: tuple[ca.SX, ca.SX]) -> Rate:
-        """Return r(t, y) over a check: of the state, and of cost / unit if integrated.
+        """Return the rate r(t, y) of the integrated quantities y over a check.
+
+        y is the state, followed by the integral of cost / unit if the stage cost is
+        integrated.
 
         Args:
             u: Controls, which are held.

@@ -64,7 +64,10 @@ _ORDERS = 14
 
 
 class SolutionStatus(Enum):
-    """Status of an answer; INVALID and NOT_REACHED occur among many instances only."""
+    """Status of an answer.
+
+    INVALID and NOT_REACHED occur only if many instances are solved at once.
+    """
 
     CONVERGED = "a local optimum, confirmed on the finer grid"
     FEASIBLE = "feasible, confirmed on the finer grid, not shown to be a local optimum"
@@ -158,12 +161,12 @@ def advice_for(
     fast: FastMode | None,
     grown: Growth | None = None,
 ) -> str:
-    """Return advice on what to change for a status; empty without one.
+    """Return advice on what to change for a status; empty if there is no advice.
 
     Args:
         problem: The problem.
         found: Status of the answer, with the reason.
-        fast: A mode that is too fast for the step; None without one.
+        fast: A mode that is too fast for the step; None if there is no such mode.
         grown: Growth of deviations, if it may be the reason.
     """
     if fast is not None:
@@ -261,7 +264,9 @@ def _between_checks(problem: OptimalControlProblem, excess: Excess | None) -> st
 def fastest_mode(
     shooting: Shooting, path: Path, x0: Array, known: Known
 ) -> FastMode | None:
-    """Return the fastest mode for which an explicit step is too long; None without one.
+    """Return the fastest mode for which an explicit step is too long.
+
+    None if there is no such mode, or if such modes are rare and grow little.
 
     Args:
         shooting: The problem's functions.

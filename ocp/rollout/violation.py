@@ -61,7 +61,8 @@ def row_weights(problem: OptimalControlProblem, automatic: ca.SX) -> list[ca.SX]
 def path_violation(constraint: Constraint, excess: ca.SX, weight: ca.SX) -> ca.SX:
     """Return the violation of a constraint: the sum of its scaled positive excesses.
 
-    It is not finite if an excess is not finite.
+    With the measure "indicator" it is the number of broken rows. It is not finite if an
+    excess is not finite.
     """
     if constraint.measure == "indicator":
         # A comparison with NaN is false, so NaN would count as kept.
@@ -123,7 +124,10 @@ class SoftRows:
 
     @cached_property
     def price(self) -> ca.Function:
-        """(x, p, s, e) -> cost per second of excesses e, (m, 1), in the user's unit."""
+        """(x, p, s, e) -> cost per second of the excesses e, shape (m, 1).
+
+        The cost is in the unit of the user.
+        """
         symbols, e = self.problem.symbols(), ca.SX.sym("e", self.size)
         linear, quadratic = (
             ca.vertcat(ca.SX(0, 1), *[c.weights[i] for c in self.problem.soft])

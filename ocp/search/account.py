@@ -148,7 +148,7 @@ class Repair:
 
     Attributes:
         attempts: Number of problems that were solved again.
-        checks: The largest factor for the number of checks.
+        checks: Largest factor by which the number of checks was multiplied.
         margins: Number of constraint rows that got a margin.
         evaluations: Evaluations of the problem.
         seconds: Wall time [s].
@@ -220,8 +220,8 @@ class StartsAccount:
         lanes: Results of the local solves in lanes; None without such solves.
         without_lanes: Reason why there were no lanes; empty if there were.
         search: Effort of the search; None without a search.
-        agree: Whether the starts before the lanes agree with these (many_starts.py), so
-            that the search was left out.
+        agree: Whether the cold starts agree with the lanes (`agree` in many_starts.py),
+            so that the search was left out.
     """
 
     won: Origin

@@ -160,7 +160,7 @@ class Members(_Lanes):
 
     @property
     def each(self) -> float:
-        """Cost of a solve, in evaluations."""
+        """Mean cost of a solve, in evaluations."""
         return self.found.each
 
     @property
@@ -204,7 +204,7 @@ class RandomStarts(_Lanes):
 
     @property
     def each(self) -> float:
-        """Cost of a start, in evaluations."""
+        """Mean cost of a start, in evaluations."""
         return self.found.each
 
     def account(self) -> Lanes:
@@ -246,7 +246,11 @@ class RandomStarts(_Lanes):
         return (np.inf, np.inf) if self._lost is None else self._lost[1::-1]
 
     def points(self, most: int) -> list[Array]:
-        """Return the points of the best answers, the best first: at least one."""
+        """Return the points of the best answers, the best first.
+
+        After a batch there is at least one: if no lane ended in an optimum, the point
+        of the best lane.
+        """
         kept = self.found.kept
         if kept is not None and self.found.optima:
             count = min(most, len(self.found.optima))
@@ -258,8 +262,8 @@ class PolishStarts:
     """NLP solver from random points, one after another.
 
     If the search space is a family of trajectories, an answer need not be a member of
-    it. So the best start is kept instead; from it the planner's own polish reaches the
-    same answer.
+    it. In this case the start that led to the best answer is kept instead; from this
+    start the planner's own polish reaches the same answer.
     """
 
     def __init__(

@@ -399,7 +399,7 @@ class _Tries:
         return in_turn(self._polisher, calls, self._processes, first=first)
 
     def taken(self, one: Origined, timed: Timed) -> Polished:
-        """Return an answer, which now counts."""
+        """Add an answer to those that count, and return it."""
         answer = timed.found
         self.answers.append(answer)
         self.tried.append(
@@ -435,7 +435,11 @@ class _Tries:
 
     @property
     def best(self) -> int:
-        """Number of the best answer; among equal ones the first that converged."""
+        """Number of the best answer.
+
+        Among equal answers one that converged comes first, then the earlier kind of
+        start.
+        """
         best = 0
         for number in range(1, len(self.answers)):
             if is_better(

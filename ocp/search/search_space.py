@@ -87,7 +87,7 @@ class SearchSpace(Protocol):
         """Box of the points."""
 
     def objective(self, x0: ArrayLike, known: Known) -> Objective:
-        """Return population -> cost and violation, from an initial state."""
+        """Return the objective from an initial state: population -> cost, violation."""
 
     def decoded(self, x: Array, x0: ArrayLike, known: Known) -> Start:
         """Return the start that a point, shape (dim,), represents."""

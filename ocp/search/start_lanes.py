@@ -82,7 +82,7 @@ class Solved:
 
     @property
     def least(self) -> float:
-        """The least cost of feasible answers; infinite without one."""
+        """The least cost of feasible answers; infinite if no answer is feasible."""
         return float(self.answers.cost[reached(self.answers)].min(initial=np.inf))
 
 

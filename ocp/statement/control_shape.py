@@ -94,7 +94,8 @@ def require_shape(shape: str, *, is_discrete: bool, integer: int) -> None:
         integer: Number of controls that take whole numbers.
 
     Raises:
-        InvalidProblemError: With the value given and what is allowed.
+        InvalidProblemError: If the shape is not allowed; the message has the value
+            given and what is allowed.
     """
     require_choice("control_shape", shape, get_args(ControlShape))
     if shape == "constant":
@@ -184,7 +185,7 @@ def control_labels(
 
 
 def first_of(labels: Index) -> Index:
-    """Return where each distinct label occurs first in ca.vec(labels), ascending.
+    """Return the index in ca.vec(labels) at which each label first occurs, ascending.
 
     Equal labels mark controls that must be equal.
     """
@@ -192,14 +193,20 @@ def first_of(labels: Index) -> Index:
 
 
 def variables_of(labels: Index) -> Index:
-    """Return the rank of each control's label, by first occurrence, in ca.vec order."""
+    """Return the number of each control's label, for the controls in ca.vec order.
+
+    Labels are numbered from 0, in the order in which they first occur.
+    """
     numbers = labels.ravel(order="F")
     rank = {label: place for place, label in enumerate(numbers[first_of(labels)])}
     return np.array([rank[label] for label in numbers], dtype=np.intp)
 
 
 def ties(labels: Index) -> tuple[Index, Index]:
-    """Return index pairs (later, earlier), in ca.vec, of controls that are equal."""
+    """Return pairs (later, earlier) of controls that must be equal, as indices.
+
+    They are indices in ca.vec(labels).
+    """
     last: dict[int, int] = {}
     now, before = [], []
     for place, label in enumerate(labels.ravel(order="F").tolist()):
@@ -238,7 +245,7 @@ def averaged(controls: Array, blocks: Sequence[int]) -> Array:
 
 
 def piece_at(time: float, instants: Array) -> int:
-    """Return the number of the interval that holds at a time.
+    """Return the number of the interval that contains a time.
 
     Args:
         time: Between the first and the last instant [s].
@@ -256,7 +263,10 @@ def piece_at(time: float, instants: Array) -> int:
 
 
 def rows_at(time: float, times: Array, rows: Array) -> Array:
-    """Return the values of rows (m, n) at a time, linear between times (n,), (m,)."""
+    """Return the linear interpolation of rows (m, n) at a time, shape (m,).
+
+    The columns of the rows are the values at `times`, shape (n,).
+    """
     return np.array([np.interp(time, times, row) for row in rows])
 
 
@@ -265,8 +275,8 @@ class Profile:
     """Controls held one after another, or knots joined by lines.
 
     Attributes:
-        controls: Controls held one after another, or the knots at the ends, shape
-            (nu, m).
+        controls: Controls held one after another, or the knots at the ends of the
+            pieces, shape (nu, m).
         piece: Time for which each control is held, or between two knots [s].
         start: The first knot, shape (nu,); None: the controls are held.
     """

@@ -167,8 +167,8 @@ def integer_numbers(
     Args:
         given: Numbers or names of controls.
         names: Names of all controls.
-        limits: Lower and upper bounds of all controls, each (nu,), or None, by name of
-            the bounds for messages.
+        limits: Pairs of lower and upper bounds of all controls, each (nu,). The keys
+            are names of the bounds for messages; None: no such bounds.
 
     Raises:
         InvalidProblemError: If there is no such control, or its bounds are not whole
@@ -265,7 +265,11 @@ def sum_up_rounded(
 def neighbours(
     controls: Array, integer: Sequence[int], limits: tuple[Array, Array]
 ) -> Array:
-    """Return controls that differ by a unit, or by a unit moved in time, (k, nu, N)."""
+    """Return all controls, (k, nu, N), that differ from given ones by a small change.
+
+    One whole number is changed by a unit; or a unit is moved between it and
+    the number of the next interval. Controls beyond the bounds are left out.
+    """
     found = []
     for j in integer:
         for k in range(controls.shape[1]):

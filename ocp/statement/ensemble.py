@@ -184,15 +184,15 @@ class _Member:
         self.next_state = jump_of(model)(*known) if model.jumps else ca.SX(0, 1)
 
     def of(self, expression: ca.SX) -> ca.SX:
-        """Return an expression of the problem for this member."""
+        """Return an expression of the problem in the symbols of this member."""
         return ca.substitute(expression, self._old, self._new)
 
     def named(self, name: str) -> str:
-        """Return a name of the problem for this member."""
+        """Return a name of the problem with this member's number appended."""
         return f"{name}_{self.number}"
 
     def constraint(self, constraint: Constraint) -> Constraint:
-        """Return a constraint of the problem for this member."""
+        """Return a constraint of the problem in the symbols of this member."""
         changed: dict[str, Any] = {
             one.name: self.of(value)
             for one in fields(constraint)  # type: ignore[arg-type]

@@ -15,8 +15,9 @@ class Feature:
     """A part of a problem's statement besides its fields.
 
     Attributes:
-        goes_with_teams: Whether plans of teams and of the dual mode may have it, since
-            it neither goes on from plan to plan nor changes the controls.
+        goes_with_teams: Whether plans of teams and of the dual mode may have the
+            feature. They may if it remembers nothing from one plan to the next and does
+            not change the controls.
     """
 
     goes_with_teams: ClassVar[bool] = False

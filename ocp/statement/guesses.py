@@ -36,13 +36,19 @@ def zero_controls(problem: OptimalControlProblem) -> Array:
 
 
 def cold_controls(problem: OptimalControlProblem) -> list[Array]:
-    """Return the controls to start from without a guess: zero, middle of the bounds."""
+    """Return the guesses to start from if none is given, each (nu, N).
+
+    They are zero controls and, if it differs, the middle of the bounds.
+    """
     zero, middle = zero_controls(problem), middle_controls(problem)
     return [zero] if np.array_equal(zero, middle) else [zero, middle]
 
 
 def middle_controls(problem: OptimalControlProblem) -> Array:
-    """Return the middle of the controls' bounds; zero controls if one is missing."""
+    """Return the middle of the controls' bounds, shape (nu, N).
+
+    A control with an infinite bound gets its value in `zero_controls`.
+    """
     limits, zero = np.array(problem.control_limits), zero_controls(problem)
     ends = np.isfinite(limits).all(axis=0)
     # Infinite bounds are replaced before the mean, which would be inf - inf.
@@ -72,12 +78,15 @@ def given_controls(problem: OptimalControlProblem, guess: ArrayLike) -> Array:
 
 
 def bounded_controls(problem: OptimalControlProblem, guess: ArrayLike) -> Array:
-    """Return a guess clipped to the bounds, with one value in each block; a copy.
+    """Return a guess that keeps bounds, blocks and whole numbers; a copy.
+
+    Controls that must be equal, such as those of a block of intervals, get their mean.
+    The result is clipped to the bounds, and controls that take whole numbers only are
+    rounded.
 
     Args:
         problem: The problem that the guess is for.
-        guess: Controls, shape (nu, N), finite; clipped to the bounds. A block gets the
-            mean of its intervals.
+        guess: Controls, shape (nu, N), finite.
 
     Raises:
         InvalidProblemError: If the shape is wrong, or a value is not finite.

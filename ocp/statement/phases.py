@@ -120,8 +120,9 @@ def phases(
         The joined problem, with a function for its initial state.
 
     Raises:
-        InvalidProblemError: If a phase has a feature that phases do not support, or a
-            state of a phase has no source.
+        InvalidProblemError: If a phase has a feature that phases do not support, a
+            linkage names an unknown state, or a state of a later phase is neither in
+            its linkage nor a state of the phase before.
 
     Example:
         >>> import casadi as ca
@@ -265,7 +266,7 @@ class _Union:
         return found
 
     def at_end_of(self, number: int, then: ca.SX, otherwise: ca.SX) -> ca.SX:
-        """Return one of two, depending on whether this is a phase's last interval."""
+        """Return `then` in the last interval of phase `number`, else `otherwise`."""
         last = self.ends[number] - 1
         inside = ca.if_else(self.counter < last + 0.5, then, otherwise)
         return ca.if_else(self.counter > last - 0.5, inside, otherwise)

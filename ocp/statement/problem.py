@@ -204,8 +204,8 @@ class OptimalControlProblem(Expressed):
             internally.
 
     Raises:
-        InvalidProblemError: If an entry is invalid; with its name, the value given and
-            what is allowed.
+        InvalidProblemError: If an entry is invalid; the message has the entry's name,
+            the value given and what is allowed.
 
     Example:
         >>> import casadi as ca
@@ -568,7 +568,7 @@ class OptimalControlProblem(Expressed):
 
     @property
     def integer(self) -> tuple[int, ...]:
-        """Numbers of the controls that take whole numbers only."""
+        """Indices of the controls that take whole numbers only."""
         # All are numbers since the validation; the test is for the type checker.
         return tuple(j for j in self.bounds.integer if isinstance(j, int))
 
@@ -579,7 +579,10 @@ class OptimalControlProblem(Expressed):
 
     @property
     def flown_controls(self) -> int:
-        """Number of the controls of a plant: those of one member of an ensemble."""
+        """Number of controls that a plant receives.
+
+        It is nu or, for an ensemble with a robust horizon, that of one member.
+        """
         several = self.risk is not None and self.risk.robust_horizon is not None
         return self.model.nu // (self.risk.members if several and self.risk else 1)
 
@@ -587,7 +590,7 @@ class OptimalControlProblem(Expressed):
     def kept(self) -> dict[str, Any]:
         """Functions and planners kept for later calls with this problem.
 
-        A copy of the problem has none.
+        A copy of the problem begins without any.
         """
         return {}
 
@@ -619,7 +622,14 @@ class OptimalControlProblem(Expressed):
 
     @checked(refused, controls=reals(array=True, axes=2))
     def averaged(self, controls: Array) -> Array:
-        """Return controls (nu, N) with the mean of those that must be equal; a copy."""
+        """Return controls in which those that must be equal have their mean; a copy.
+
+        Args:
+            controls: Controls, shape (nu, N).
+
+        Returns:
+            Controls, shape (nu, N).
+        """
         if self.flown_controls == self.model.nu:
             return averaged(controls, self.blocks)  # Only blocks tie controls.
         return same_in_labels(controls, self.control_labels)
@@ -659,7 +669,7 @@ class OptimalControlProblem(Expressed):
 
     @cached_property
     def slacks(self) -> int:
-        """Number of the rows of soft constraints."""
+        """Number of rows of all soft constraints together."""
         return sum(int(c.expression.numel()) for c in self.soft)
 
     @cached_property
@@ -681,14 +691,15 @@ class OptimalControlProblem(Expressed):
 
     @property
     def bounded_states(self) -> NDArray[np.int64]:
-        """Numbers of the states that have bounds."""
+        """Indices of the states that have bounds."""
         lower, upper = self.state_limits
         return np.flatnonzero(np.isfinite(lower) | np.isfinite(upper))
 
     def row_scales(self) -> list[Array]:
-        """Return the scale of each row, of the path and then the terminal constraints.
+        """Return an array for each constraint, with the scale of each of its rows.
 
-        NaN stands for a scale that depends on the initial state.
+        The path constraints come first, then the terminal constraints. NaN stands for a
+        scale that depends on the initial state.
         """
         return [
             known_scales(c)
@@ -702,14 +713,14 @@ class OptimalControlProblem(Expressed):
 
     @property
     def start_decisions(self) -> dict[int, int]:
-        """For each state whose start is decided, the number of its free start."""
+        """Index of each state whose start is decided -> index in `free_starts`."""
         return {
             i: number for number, one in enumerate(self.free_starts) for i in one.states
         }
 
     @property
     def nlp_starts(self) -> tuple[FreeStart, ...]:
-        """Free starts of an NLP, including the decisions that make its cost smooth."""
+        """Free starts, and then the decisions that make the cost of an NLP smooth."""
         more = () if self.epigraph is None else self.epigraph.starts
         return (*self.free_starts, *more)
 

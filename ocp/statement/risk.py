@@ -64,7 +64,7 @@ class Risk(Expressed):
         return int(self.weights.size)
 
     def start(self, x0: Array, nx: int) -> Array:
-        """Return the initial state of all members, from theirs or from one for all.
+        """Return the initial state of all members; one member's is repeated for all.
 
         Args:
             x0: Initial state of a member, or of all of them one after another.
@@ -99,7 +99,14 @@ class Risk(Expressed):
         return threshold + ca.dot(ca.DM(self.weights), excess) / (1 - self.level)
 
     def threshold(self, costs: Array) -> float:
-        """Return the t that attains the combined cost, for costs of shape (M,)."""
+        """Return the threshold t that belongs to the combined cost.
+
+        For "worst" it is the largest cost, for "cvar" the quantile of the costs at
+        `level`: costs above it make up the worst part.
+
+        Args:
+            costs: Costs of the members, shape (M,).
+        """
         if self.measure == "worst":
             return float(costs.max())
         order = np.argsort(costs)
@@ -115,9 +122,10 @@ class Epigraph(NamedTuple):
     Attributes:
         risk: The combination of the members' costs.
         costs: Cost of each member at the end of the horizon, shape (M, 1).
-        decided: Symbols t, e, r of the states that the NLP decides.
-        first: Number of the first of these states.
-        accrued: Numbers of the states that accrue the members' costs.
+        decided: Symbols of the states that the NLP decides: a threshold t; for "cvar"
+            the excess e of each member's cost over t; the room r of each cost below t.
+        first: Index of the first of these states.
+        accrued: Indices of the states that accrue the members' costs.
     """
 
     risk: Risk
@@ -128,7 +136,7 @@ class Epigraph(NamedTuple):
 
     @property
     def states(self) -> list[int]:
-        """Numbers of the decided states."""
+        """Indices of the decided states."""
         return [self.first + i for i in range(self.decided.numel())]
 
     @property
@@ -160,7 +168,7 @@ class Epigraph(NamedTuple):
         return t, e, r
 
     def values(self, costs: Array) -> Array:
-        """Return t, e, r for given costs of the members, shape (M,)."""
+        """Return the values of `decided` that fit given costs of the members, (M,)."""
         # A start of the NLP must be finite, even from a rollout that is not.
         costs = np.nan_to_num(costs, nan=0.0, posinf=0.0, neginf=0.0)
         over = costs - self.risk.threshold(costs)
@@ -169,7 +177,7 @@ class Epigraph(NamedTuple):
 
 
 def epigraph_symbols(risk: Risk) -> ca.SX:
-    """Return symbols of t, e, r; empty for a cost that is smooth."""
+    """Return the symbols `Epigraph.decided`; empty if the cost is smooth anyway."""
     M, several = risk.members, range(risk.members)
     if risk.measure == "mean" or M == 1:
         return ca.SX(0, 1)

@@ -41,12 +41,13 @@ class Log(NamedTuple):
         plans: The plans; the first n are those of the start.
         vehicle: Number of each plan's vehicle, shape (rows,).
         parting: Step at which each plan parts from the plan before, shape (rows,).
-        proposed: Tick of each plan's proposal, or START, shape (rows,).
-        ended: Tick of each plan's commitment or withdrawal, START or OPEN, shape
+        proposed: Tick of each plan's proposal; START for a plan of the start; shape
             (rows,).
+        ended: Tick of each plan's commitment or withdrawal; START for a plan of the
+            start, OPEN if neither has happened; shape (rows,).
         committed: Whether each plan was committed to, shape (rows,).
-        accepted: Tick at which each vehicle accepted each plan, or OPEN, shape (rows,
-            n).
+        accepted: Tick at which each vehicle accepted each plan; OPEN if it has not;
+            shape (rows, n).
         ticks: Number of ticks in a step.
         steps: Number of steps of the flight.
         step_s: Step of the grid of times [s].

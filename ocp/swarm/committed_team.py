@@ -103,8 +103,9 @@ class CommittedTeam(Called):
     """Controller of vehicles that plan by optimal control and never collide.
 
     Attributes:
-        team: The vehicles, in the order in which they make their first plans; none
-            watches another, and each shows the one to three rows of its position.
+        team: The vehicles, in the order in which they make their first plans. No
+            `Agent` of it has others in `watches`; `shows` has the one to three rows of
+            the state that are its position.
         sets: Certified terminal set of each vehicle; the set's reference is the
             vehicle's goal.
         plan_distance: Least distance of two plans [m].
@@ -554,9 +555,10 @@ def _parameters(loop: RecedingHorizon) -> Array:
 def begin_as(plan: int, committed: int, lead: int, plans: Plans) -> None:
     """Copy samples and bulges of a committed plan into a new one, until they part.
 
-    If the committed plan has ended by then and the vehicle stays near its end, the
-    sample is the centre of a ball that contains the vehicle; the next bulge grows by
-    the distance from that centre.
+    The sample at which they part is that of the committed plan, too. If that plan has
+    ended by then, this is the centre of a ball that contains the vehicle. So the bulge
+    of the next piece grows by the distance of this sample from the one that the new
+    plan had there.
 
     Args:
         plan: Row of the plan, which is written.

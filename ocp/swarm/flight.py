@@ -73,8 +73,8 @@ class SwarmFlight(Presenting):
         """Return the flight's certificate, the text of a file to be checked.
 
         Raises:
-            InvalidProblemError: If the rule is not "acknowledged": the others prove
-                nothing.
+            InvalidProblemError: If the rule is not "acknowledged": flights by the other
+                rules have no proof.
         """
         if RULES[self.rule] != ACKNOWLEDGED:
             raise InvalidProblemError(
@@ -107,7 +107,8 @@ class SwarmFlight(Presenting):
     def path_ratio(self) -> Array:
         """Length of each path divided by the straight distance, shape (n,).
 
-        A vehicle that stays in place has 1, one that does not arrive infinity.
+        It is 1 for a vehicle whose start is its goal, and infinite for a vehicle that
+        does not arrive.
         """
         ways = np.linalg.norm(np.diff(self.positions, axis=2), axis=1).sum(axis=1)
         straight = np.linalg.norm(self.swarm.goals - self.swarm.starts, axis=1)

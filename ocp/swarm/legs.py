@@ -40,7 +40,7 @@ class PointMass(NamedTuple):
         step_s: Step of the grid [s].
         turn_rate: Largest turn rate of a vehicle that moves in the direction of its
             heading, in the plane [rad/s]; the bounds of the first axis then hold for
-            sizes of vectors. Infinite for others.
+            the sizes of acceleration and velocity. Infinite for other vehicles.
         drift_x: Velocity of the frame along x, scaled, which turns take into account
             [m/s].
         drift_y: Velocity of the frame along y, scaled, likewise [m/s].

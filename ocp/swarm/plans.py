@@ -42,8 +42,9 @@ class Plans(NamedTuple):
     Attributes:
         first: Steps of the first samples, shape (rows,).
         samples: Scaled positions [m], shape (rows, pieces + 1, 3).
-        bulges: Bulges of the pieces and, as the last one, the radius of the rest [m],
-            shape (rows, pieces + 1).
+        bulges: Bulge of each piece, a bound of the distance of the path from the
+            straight line between two samples; and, as the last entry, the radius of the
+            ball in which the plan stays for ever [m], shape (rows, pieces + 1).
     """
 
     first: Count
@@ -74,7 +75,7 @@ def chosen(plans: Plans, rows: Sequence[int]) -> Plans:
 
 @kernel
 def position(plan: int, step: int, plans: Plans, point: NDArray[np.float64]) -> float:
-    """Write where a plan is at a step, and return its bulge until the next.
+    """Write a plan's position at a step; return its bulge from there to the next step.
 
     Args:
         plan: Its row.
@@ -94,8 +95,8 @@ def may_meet(one: int, other: int, step: int, radius: float, plans: Plans) -> bo
     """Return whether two plans may come within a radius at a step or later.
 
     Args:
-        one: Row of a plan, or GONE.
-        other: Row of another.
+        one: Row of a plan, or GONE for a vehicle that has left and meets no plan.
+        other: Row of another plan, or GONE.
         step: Number of the time from which on the plans are compared.
         radius: Least distance of the two [m], scaled.
         plans: All plans of the vehicles, each a row.

@@ -120,7 +120,11 @@ def hear(j: int, i: int, number: int, message: Count, members: Members) -> None:
 def answer(
     j: int, step: int, radius: float, rank: Count, members: Members, plans: Plans
 ) -> bool:
-    """Let vehicle j accept what it has heard, by (b); return whether it withdrew C_j.
+    """Let vehicle j accept candidates that it has heard of, by rule (b) of the module.
+
+    It accepts a candidate C_i of vehicle i that is clear of its committed plan and of
+    its own candidate C_j. If only C_j is in the way and gives way, j withdraws it. The
+    result says whether C_j was withdrawn.
 
     Args:
         j: Number of the vehicle.
@@ -151,7 +155,10 @@ def answer(
 def is_clear(
     i: int, plan: int, step: int, radius: float, members: Members, plans: Plans
 ) -> bool:
-    """Return whether i may propose a plan, by (a); nothing is written.
+    """Return whether vehicle i may propose a plan, by rule (a) of the module.
+
+    The plan must be clear of all plans and candidates of others that i has heard last.
+    Nothing is written.
 
     Args:
         i: Number of the vehicle.
@@ -179,12 +186,17 @@ def settle(
     i: int, now: tuple[int, bool], radius: float, members: Members, plans: Plans,
     is_last: Flags,
 ) -> int:  # fmt: skip
-    """Commit vehicle i to its candidate or withdraw it, by (c); return the outcome.
+    """Commit vehicle i to its candidate or withdraw it, by rule (c) of the module.
+
+    It commits if each other vehicle has accepted the candidate, has left, or is known
+    to have committed to its last plan, of which the candidate is clear. Otherwise it
+    waits, or withdraws the candidate if that is about to part from the committed plan.
+    The result is COMMITTED, WAITING or WITHDRAWN.
 
     Args:
         i: Number of the vehicle.
-        now: Number of the present time, and whether it is the last one before its
-            candidate parts from its committed plan.
+        now: Number of the present time, and whether it is the last one before the
+            vehicle's candidate parts from its committed plan.
         radius: Least distance of two plans [m], scaled.
         members: The vehicles; row i is written.
         plans: All plans of the vehicles, each a row.

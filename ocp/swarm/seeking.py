@@ -79,7 +79,7 @@ def seek(plan: int, task: Task, draws: Array, body: PointMass, plans: Plans) -> 
     """Write the cheapest clear flight that is found into a plan; return its cost.
 
     Args:
-        plan: Row of the plan; it is spoilt if nothing is found.
+        plan: Row of the plan; it may be overwritten even if no flight is found.
         task: Task of the search.
         draws: Normal numbers, shape (tries, PARTS); the first row is not used, as the
             first flight is the direct one, without a wait.
@@ -115,14 +115,17 @@ def seek(plan: int, task: Task, draws: Array, body: PointMass, plans: Plans) -> 
 def fly(
     plan: int, parts: Array, task: Task, most: float, body: PointMass, plans: Plans
 ) -> float:
-    """Write a flight into a plan, and return its cost; infinite if it is not feasible.
+    """Write a flight into a plan, and return its cost.
+
+    The cost is infinite, and the flight is not written, if it is not feasible or cannot
+    be cheaper than `most`.
 
     Args:
         plan: Row of the plan.
         parts: Normal numbers for the wait, the three axes of the via point, the speed
             there, and its place along the way, shape (PARTS,).
         task: Task of the search.
-        most: A flight that cannot be cheaper is not written.
+        most: Cost of the best flight so far.
         body: Bounds of the point mass, and the grid of its plans.
         plans: All plans of the vehicles, each a row.
     """

@@ -288,7 +288,8 @@ class Swarm:
     def clearance(self, obstacle: Obstacle) -> float:
         """Return the scaled distance that a plan keeps from an obstacle's centre.
 
-        The scaled ball lies in the ball of its largest radius.
+        The scaled obstacle, an ellipsoid, is replaced by a ball around it, whose radius
+        is that of the obstacle times the largest factor of `scale`.
         """
         return float(self.scale.max() * obstacle.radius + self.plan_distance / 2)
 

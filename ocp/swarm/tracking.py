@@ -38,10 +38,10 @@ class Tracking(NamedTuple):
     """Law that follows a plan, and bounds of its errors along each axis.
 
     Attributes:
-        gain: K, shape (2,) [1/s^2, 1/s].
+        gain: Gain K on the error e of position and velocity, shape (2,) [1/s^2, 1/s].
         position: Largest error of the position at all times [m].
         velocity: Largest error of the velocity at all times [m/s].
-        correction: Largest size of K e [m/s^2].
+        correction: Largest size of the correction K e [m/s^2].
     """
 
     gain: Array

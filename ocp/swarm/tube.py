@@ -138,20 +138,20 @@ class Body:
         return place
 
     def value(self, state: Array, rest: Rest) -> float:
-        """Return V at a state."""
+        """Return V = (x - c)' P (x - c) at a state x, c the centre of the rest."""
         return float(self._set.value(state - rest.centre))
 
     def radius(self, value: float) -> float:
         """Return the radius of the ball in which positions stay for ever [m].
 
         Args:
-            value: V at the state from which the linear law acts.
+            value: Value, as of `value`, at the state from which the linear law acts.
         """
         level = max(value, self._core) * self._growth
         return float(np.sqrt(level * self._reach) * (1.0 + ROUNDING))
 
     def rest_of(self, state: Array) -> Rest:
-        """Return the rest, in which a plan with this last state ends.
+        """Return the rest of a plan that ends in this state.
 
         Raises:
             NoRestError: If the state is in no certified set.

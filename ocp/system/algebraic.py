@@ -134,12 +134,15 @@ class Elimination(Expressed):
     """Algebraic variables, and the expressions that replace them.
 
     Attributes:
-        symbols: z, shape (nz, 1).
+        symbols: Symbols of the algebraic variables z, shape (nz, 1).
         solution: z as an expression in states, controls and parameters, shape (nz, 1).
-        unsolved: r as an expression in states, controls and parameters, shape (nz, 1);
-            empty if the equations are linear in z.
-        residual: g as an expression in z and the others, shape (nz, 1); empty as above.
-        size: g / r, the size of each equation at z, shape (nz, 1); empty as above.
+        unsolved: Scaled residual r after the last Newton iteration, as an expression in
+            states, controls and parameters, shape (nz, 1); empty if the equations are
+            linear in z.
+        residual: Residual g of the equations 0 = g, as an expression in z and the other
+            symbols, shape (nz, 1); empty as above.
+        size: Size of each equation at z, by which g is divided to get r, shape (nz, 1);
+            empty as above.
         start: Start value of Newton's method, shape (nz, 1); empty as above.
         scale: Typical size of each z, shape (nz,).
     """
@@ -189,7 +192,7 @@ class Elimination(Expressed):
         return ca.substitute(expression, self.symbols, self.solution)
 
     def constraints(self) -> tuple[PathConstraint, ...]:
-        """Return the path constraint that the equations hold; empty if not needed."""
+        """Return the path constraint that nonlinear equations hold; empty if linear."""
         if not self.unsolved.numel():
             return ()
         return (
@@ -250,8 +253,9 @@ def eliminate(equations: AlgebraicEquations, known: dict[str, ca.SX]) -> Elimina
         known: Columns of the model's other symbols, by their names in messages.
 
     Raises:
-        InvalidProblemError: If the equations have foreign symbols, if their number is
-            not that of the variables, or if they cannot be solved for them.
+        InvalidProblemError: If the equations have foreign symbols, if there is not one
+            equation for each variable, or if the equations cannot be solved for the
+            variables.
     """
     z = equations.symbols
     require_symbols("algebraic symbols", z)

@@ -203,9 +203,9 @@ class _Limited(Expressed):
 class PathConstraint(_Limited):
     """Path constraint lower <= expression <= upper, at both ends of every check.
 
-    With a weight it is soft: it may be broken at a cost. Each control interval of
-    length dt then costs dt (weight e + quadratic_weight e^2), with e the largest excess
-    of a row.
+    With a weight it is soft: it may be broken at a cost. Each row then costs
+    dt (weight e + quadratic_weight e^2) in each control interval of length dt, with e
+    the row's largest excess over its limits in that interval, 0 if it keeps them.
 
     Attributes:
         expression: Column in the problem's symbols, shape (m, 1), or a list of

@@ -115,8 +115,9 @@ class Model(Expressed):
             "txup"; if empty, the arguments are recognised by their names, else by their
             number.
         symbol_map: The MX symbols and their SX symbols; extended by the model.
-        elimination: The algebraic variables as expressions; made by the model. Only a
-            rewritten problem (core) is given that of its stated model.
+        elimination: The algebraic variables as expressions. The model makes them from
+            `algebraic`, so do not give them; only the internal rewrites of a problem
+            pass on those of the stated model.
 
     Raises:
         InvalidProblemError: If shapes do not match, a symbol is expected but an

@@ -107,19 +107,23 @@ class Separation(Expressed):
 
     @checked(refused, value=EXPRESSION)
     def rows(self, value: ca.SX) -> Rows:
-        """Return |r| >= distance [m]."""
+        """Return |r| and its limit, |r| >= distance, r the relative position [m]."""
         return Rows(ca.norm_2(value), np.array([self.distance]), np.array([np.inf]))
 
     @checked(refused, value=EXPRESSION)
     def smooth(self, value: ca.SX) -> Rows:
-        """Return (|r|^2 - d^2) / 2d >= 0: metres near the limit, smooth everywhere."""
+        """Return (|r|^2 - d^2) / 2d >= 0, r the relative position.
+
+        d is the distance plus `smooth_margin`. Near the limit the value is in metres
+        beyond it, and it is smooth everywhere.
+        """
         limit = self.distance + self.smooth_margin
         over = (ca.sumsqr(value) - limit**2) / (2 * limit)
         return Rows(over, np.array([0.0]), np.array([np.inf]))
 
     @checked(refused, start=EXPRESSION, end=EXPRESSION)
     def excess(self, start: ca.SX, end: ca.SX) -> ca.SX:
-        """Return the distance by which r is too near [m]."""
+        """Return the distance by which the relative position is too short [m]."""
         if self.along == "points":
             nearest = end  # The start is the end of the check before.
         else:
@@ -129,7 +133,7 @@ class Separation(Expressed):
 
     @checked(refused, excess=EXPRESSION)
     def indicated(self, excess: ca.SX) -> ca.SX:
-        """Return 1 at or below the limit (5.16)."""
+        """Return 1 if the distance is at or below its limit, else 0 (5.16)."""
         return excess >= 0
 
 
@@ -181,24 +185,28 @@ class Connection(Expressed):
 
     @checked(refused, value=EXPRESSION)
     def rows(self, value: ca.SX) -> Rows:
-        """Return |r| <= distance [m]."""
+        """Return |r| and its limit, |r| <= distance, r the relative position [m]."""
         return Rows(ca.norm_2(value), np.array([-np.inf]), np.array([self.distance]))
 
     @checked(refused, value=EXPRESSION)
     def smooth(self, value: ca.SX) -> Rows:
-        """Return (|r|^2 - d^2) / 2d <= 0: metres near the limit, smooth everywhere."""
+        """Return (|r|^2 - d^2) / 2d <= 0, r the relative position.
+
+        d is the distance less `margin`. Near the limit the value is in metres beyond
+        it, and it is smooth everywhere.
+        """
         limit = self.distance - self.margin
         over = (ca.sumsqr(value) - limit**2) / (2 * limit)
         return Rows(over, np.array([-np.inf]), np.array([0.0]))
 
     @checked(refused, start=EXPRESSION, end=EXPRESSION)
     def excess(self, start: ca.SX, end: ca.SX) -> ca.SX:
-        """Return the distance by which r is too far at the check's end [m]."""
+        """Return by how much a relative position is too long at the check's end [m]."""
         return ca.norm_2(end) - (self.distance - self.margin)
 
     @checked(refused, excess=EXPRESSION)
     def indicated(self, excess: ca.SX) -> ca.SX:
-        """Return 1 beyond the limit."""
+        """Return 1 if the distance is above its limit, else 0."""
         return excess > 0
 
 

@@ -157,7 +157,7 @@ class Equations:
 
 
 def warn_of_units(conflicts: Sequence[str]) -> None:
-    """Warn of units that contradict each other, at the call of the caller's door."""
+    """Warn of units that contradict each other, at the line of the user's call."""
     for words in conflicts:
         warnings.warn(
             f"{words} (more: {Paragraph.UNITS})",

@@ -103,7 +103,9 @@ class UnprovenSetError(SwarmstartError, ArithmeticError):
 
 @dataclass(eq=False)
 class CoarseHoldError(UnprovenSetError):
-    """The integrator's error over a hold uses up the decrease at all levels tried.
+    """The integrator's error cancels the decrease at all levels that were tried.
+
+    A hold is the time for which the input is held.
 
     Attributes:
         substeps: Number of Runge-Kutta steps in a hold.
@@ -192,8 +194,9 @@ class Certificate:
         K: Gain, shape (nu, nx).
         P: Shape of the ellipsoid, (nx, nx).
         alpha: The proven level: e'Pe decreases up to it, and all bounds hold.
-        core: Level within which a drift of the reference, which is rounded to floats,
-            may cancel the decrease; no trajectory leaves the set e'Pe <= core.
+        core: Level of the small set e'Pe <= core, which no trajectory leaves. Within
+            it the decrease is not claimed: the reference is rounded to floats, so that
+            it may drift and cancel the decrease.
         drift: Upper bound of that drift, divided by sqrt(core); in 1/s, or a fraction
             per hold for a held input.
         dt: Time for which the input is held [s]; None for a continuous input.

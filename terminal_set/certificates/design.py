@@ -294,8 +294,9 @@ def sampled_terminal_set(
 ) -> TerminalSet:
     """Design the set for an input held over dt, as a receding horizon holds it.
 
-    P solves F'PF = (1 - kappa)(P - Q*) with F = Ad - Bd K and Q* = Q + K'RK; with
-    kappa = 0 it is the Riccati matrix.
+    P solves F'PF = (1 - kappa)(P - Q*) with F = Ad - Bd K and Q* = Q + K'RK, where
+    e+ = Ad e + Bd du is the linear system sampled with dt. With kappa = 0, P is the
+    Riccati matrix.
 
     Args:
         dynamics: f(x, u) -> xdot, SI units.

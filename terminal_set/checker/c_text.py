@@ -82,7 +82,8 @@ _INFINITE = {"INFINITE": float("inf"), "(-INFINITE)": float("-inf")}
 def compared(certificate: Certificate, path: Path) -> Iterator[Finding]:
     """Compare a certificate with a C file.
 
-    There is a finding for each difference, or one that says that there is none.
+    There is a finding for each difference. If nothing differs, a single finding says
+    so.
 
     Args:
         certificate: The statements of the certificate.

@@ -60,8 +60,9 @@ def checked(options: argparse.Namespace, judge: Callable[[Path], Judged]) -> int
 
     Args:
         options: Options from `parsed`.
-        judge: Function: path -> findings on that file, and a function: names of the
-            statements that were only sampled -> the verdict in words.
+        judge: Function: path -> two results, namely the findings on that file, and a
+            function that makes the verdict in words from the names of the statements
+            that were only sampled.
 
     Returns:
         The exit code.

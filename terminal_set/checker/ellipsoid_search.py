@@ -48,7 +48,10 @@ Vector = tuple[float, ...]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Change:
-    """The form c(e), which is claimed to be negative.
+    """The form c(e) of a deviation e, which is claimed to be negative.
+
+    For a continuous input, R(e) is the rate of e and c(e) = 2 e'P R(e) + e'Me. For a
+    held input, R(e) is the deviation after `time` and c(e) = R(e)'P R(e) + e'Me.
 
     Attributes:
         motion: The motion relative to the reference.
@@ -118,12 +121,13 @@ def _added(terms: Sequence[Model]) -> Model:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DecreaseTask:
-    """c(e) < 0 for 0 < V(e) <= alpha, and for all times in an interval if one is given.
+    """The task c(e) < 0 for 0 < V(e) = e'Pe <= alpha, for all `times` if given.
 
-    The coordinates are s, the entries of w except the one that is 1 or -1 on its face,
-    and the time, unless `times` is None. `Boxes.slab` of a box is 2 nx times the number
-    of the box's piece of time, plus the number of the face of the cube to which the box
-    belongs.
+    Every e != 0 is s T w with a number s > 0 and a point w on a face of the cube
+    [-1, 1]^nx. The coordinates of a box are s, the entries of w except the one that is
+    1 or -1 on the face, and the time, unless `times` is None. `Boxes.slab` of a box is
+    2 nx times the number of the box's piece of time, plus the number of the face of the
+    cube to which the box belongs.
 
     Attributes:
         change: The form c that is to be proven negative; a bound of the rounding of its
@@ -131,7 +135,7 @@ class DecreaseTask:
         stated: c as the file states it, without such a bound: a counterexample must
             have c >= 0 by this form.
         alpha: Level of the ellipsoid.
-        T: Matrix T of v = T w for each piece of time, shape (pieces, nx, nx).
+        T: Matrix T of e = s T w for each piece of time, shape (pieces, nx, nx).
         delta: Upper bounds of |T'PT - I|, below 1, shape (pieces,).
         times: Ends of the pieces of time, shape (pieces + 1,); None if the time is
             fixed.
@@ -169,7 +173,7 @@ class DecreaseTask:
         return self.cut(Boxes(lower, upper, slab))[0]
 
     def cut(self, boxes: Boxes) -> tuple[Boxes, Flags]:
-        """Drop what is outside of the ellipsoid: s^2 (1 - delta) |w|^2 <= V(e)."""
+        """Drop what is outside of the ellipsoid, by V(e) >= s^2 (1 - delta) |w|^2."""
         w = slice(1, self.n)
         least = np.maximum(np.maximum(boxes.lower[w], -boxes.upper[w]), 0.0)
         square = 1.0 + (least**2).sum(axis=0) * (1.0 - ROUNDING)
@@ -253,10 +257,10 @@ class DecreaseTask:
 
 
 def quadratic_forms(change: Change, T: Array, times: Array | None) -> Array:
-    """Return B of c(s T w) = s^2 w'Bw + O(s^3), rounded, shape (pieces, nx, nx).
+    """Return B with c(s T w) = s^2 w'Bw + O(s^3), rounded, shape (pieces, nx, nx).
 
     Args:
-        change: c.
+        change: The form c.
         T: Coordinates, shape (pieces, nx, nx).
         times: Ends of the pieces of time, shape (pieces + 1,), at the middles of which
             c is taken; None if the time is fixed.

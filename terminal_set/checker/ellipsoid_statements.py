@@ -57,14 +57,16 @@ ROUNDING = 1e-9  # relative; alpha may be a bound itself, computed in floats
 def change_of(
     certificate: Certificate, deadline: Deadline = NEVER, *, is_raised: bool = False
 ) -> Change:
-    """Return c(e) of the decrease, which must be negative (see the module).
+    """Return the change c(e) of V(e) = e'Pe, with its margins; it must be negative.
 
-    It is that of a held input if the file has a hold time, else of a continuous one.
+    It is the change over a hold if the file states a time for which inputs are held,
+    else the change per second.
 
     Args:
         certificate: The statements of the file.
         deadline: Time at which every evaluation of the motion stops.
-        is_raised: Whether a bound of its rounding is added to Q_m; proofs need this.
+        is_raised: Whether a bound of the rounding of Q_m is added to Q_m, the matrix of
+            the margin; proofs need this.
     """
     P = exact(certificate.P)
     Q_m = reserve(certificate) if is_raised else exact(certificate.Q_m)
@@ -81,13 +83,16 @@ def change_of(
 
 
 def margin_of_map(certificate: Certificate) -> Fraction:
-    """2 b + b^2, b the sum of the Runge-Kutta map's relative error and the drift."""
+    """Return 2 b + b^2, the margin for the errors of the motion over a hold.
+
+    b is the sum of the Runge-Kutta map's relative error and the reference's drift.
+    """
     error = relative_error(certificate)
     return 2 * error + error * error
 
 
 def decrease_task(certificate: Certificate, deadline: Deadline = NEVER) -> DecreaseTask:
-    """Return the task to prove c(e) < 0 on the set without 0.
+    """Return the task to prove that V(e) = e'Pe decreases on the set without e = 0.
 
     Args:
         certificate: The statements of the file; P positive definite.
@@ -98,7 +103,10 @@ def decrease_task(certificate: Certificate, deadline: Deadline = NEVER) -> Decre
 
 
 def growth_task(certificate: Certificate, deadline: Deadline = NEVER) -> DecreaseTask:
-    """Return the task to prove V(R_t(e)) < growth V(e) on the set without 0, for all t.
+    """Return the task to prove V(R_t(e)) < growth V(e) on the set without e = 0.
+
+    R_t(e) is the deviation at a time t after a sample with the deviation e; the
+    inequality must hold for all t up to the next sample.
 
     Args:
         certificate: The statements of the file; P positive definite, growth given.
@@ -260,7 +268,7 @@ def relative_error(certificate: Certificate) -> Fraction:
         certificate: The statements of the file; held.
 
     Returns:
-        The error of the map and the drift of the reference.
+        The sum of the map's error and the reference's drift.
     """
     return Fraction(certificate.integrator or 0.0) + Fraction(certificate.drift)
 

@@ -137,7 +137,10 @@ def cosine(a: Enclosure) -> Enclosure:
 
 
 def hyperbolic_tangent(a: Enclosure) -> Enclosure:
-    """Return tanh(a) = -sign tanh(-sign a), by e^(-2 sign a), which is below 1."""
+    """Return tanh(a) = sign (1 - p) / (1 + p) with p = e^(-2 sign a).
+
+    The sign, 1 or -1, is that of a at the middle of each box, so that p stays small.
+    """
     sign = np.where(a.middle > 0.0, -1.0, 1.0)
     e = exponential(a.scaled(2.0 * sign))
     return ((e.shifted(-1.0)) * inverse(e.shifted(1.0))).scaled(sign)
@@ -293,7 +296,7 @@ def rounded(number: Fraction) -> tuple[float, float]:
 
 
 def as_model(value: Value, like: Enclosure) -> Enclosure:
-    """Return a value as models over the same boxes as another."""
+    """Return a value as models over the boxes of the models `like`."""
     if isinstance(value, Fraction):
         return like.number(*rounded(value))
     return cast("Enclosure", value)

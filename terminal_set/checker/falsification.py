@@ -38,7 +38,9 @@ def points(entries: Array) -> list[Model]:
 
 @np.errstate(all="ignore")
 def check_refuted(certificate: Certificate, deadline: Deadline) -> Finding:
-    """Check that V does not decrease at the refuted point, which lies on its level.
+    """Check the counterexample in the file: V(e) = e'Pe must not decrease there.
+
+    V must have the stated refuted level there, which must be above that of the set.
 
     Args:
         certificate: The statements of the file; P positive definite.
@@ -73,7 +75,10 @@ def check_refuted(certificate: Certificate, deadline: Deadline) -> Finding:
 
 @np.errstate(all="ignore")
 def find_counterexample(certificate: Certificate, deadline: Deadline) -> Finding | None:
-    """Test the axes of small and large ellipsoids, and random boundary points.
+    """Look for a state of the set at which V(e) = e'Pe does not decrease.
+
+    Tested are the axes of a small and of a large ellipsoid, and random points on the
+    boundary of a small and of a large one.
 
     Args:
         certificate: The statements of the file; P positive definite.

@@ -178,14 +178,14 @@ def text(value: object, where: str) -> str:
 
 
 def one_of(value: object, where: str, allowed: tuple[str, ...]) -> str:
-    """Return one of some texts."""
+    """Return a text, which must be one of `allowed`."""
     if text(value, where) not in allowed:
         raise unusable(where, " or ".join(f'"{name}"' for name in allowed), value)
     return str(value)
 
 
 def optional(value: object, where: str, read: Callable[[object, str], T]) -> T | None:
-    """Return None, or what a reader of entries returns."""
+    """Return None for None, and any other value as `read` returns it."""
     return None if value is None else read(value, where)
 
 

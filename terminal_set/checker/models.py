@@ -206,9 +206,11 @@ class Model:
         return scaled.widened((self.size + self.error) * off) if off else scaled
 
     def absolute(self) -> Model:
-        """The absolute value; over a kink l a + [0, M], for any l in [-1, 1].
+        """The absolute value |a| of this model a.
 
-        |a| - l a is convex, 0 at a = 0, and so at most its larger end over [low, high].
+        If the sign of a is not known, |a| is enclosed in l a + [0, M] with a number l
+        in [-1, 1] and an upper bound M of |a| - l a. As |a| - l a is convex, it is
+        largest at one end of the range of a.
         """
         low, high = self.lower, self.upper
         with np.errstate(all="ignore"):

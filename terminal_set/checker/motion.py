@@ -85,7 +85,9 @@ class RelativeMotion:
     def run(
         self, e: Sequence[Enclosure], time: Value | None, steps: int | None = None
     ) -> list[Enclosure]:
-        """Return the rate or the map at x_ref + e; the reference's is not subtracted.
+        """Return the rate at x_ref + e, or the state after a hold from there.
+
+        Unlike in `relative`, the motion of the reference itself is not subtracted.
 
         Args:
             e: State relative to the reference, shape (nx,).
@@ -129,7 +131,7 @@ class RelativeMotion:
         time: Model | Fraction | None,
         steps: int | None = None,
     ) -> list[Model]:
-        """Return the relative rate or map R at e.
+        """Return the rate of e, or e after a hold, relative to the reference's motion.
 
         Args:
             e: State relative to the reference, shape (nx,).
@@ -227,7 +229,10 @@ def _ball(value: Fraction | arb) -> arb:
 
 
 def check_drift(certificate: Certificate, deadline: Deadline = NEVER) -> Finding:
-    """Check that the stated drift and core cover the motion of the reference.
+    """Check that the reference moves no more than the stated drift and core allow.
+
+    The core is the small set V(e) <= core in which no decrease is claimed, since the
+    drift of the rounded reference may cancel it there.
 
     Args:
         certificate: The statements of the file; P positive definite.

@@ -113,9 +113,10 @@ def is_empty(boxes: Boxes) -> Flags:
 def cut_by(boxes: Boxes, constraint: Model) -> tuple[Boxes, Flags]:
     """Drop points with c > 0.
 
-    With c_0 and the slopes g_a of the model of c in its variables s_a in [-1, 1],
-    c >= c_0 + sum of g_a s_a - rest over the box. So c <= 0 needs, for each a, g_a
-    s_a <= rest + sum of |g| - c_0 - |g_a|.
+    With the number c_0 and the slopes g_a of the model of c in its variables s_a in
+    [-1, 1], c >= c_0 + sum of g_a s_a - rest over the box; `rest` is a bound of all
+    other terms and of the error. So c <= 0 needs, for each a,
+    g_a s_a <= rest + sum of |g| - c_0 - |g_a|.
 
     Returns:
         Smaller boxes; a mask of boxes without any point with c <= 0.
@@ -209,7 +210,10 @@ def judgement(
     suspect: Flags,
     extra: Array | float = 0.0,
 ) -> Judgement:
-    """Return a judgement; a loss of unknown origin is shared by the widths of boxes.
+    """Return the verdicts on boxes, and estimates of what their widths cost the bound.
+
+    The error of `below`, which belongs to no single variable, is divided among the
+    variables in proportion to the widths of the box.
 
     Args:
         below: The function that is bounded from below.

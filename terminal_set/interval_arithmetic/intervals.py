@@ -119,12 +119,13 @@ def interval_function(
     Args:
         function: x (n, 1) -> y (k, 1), of SX or of MX that can be expanded; a matrix y
             is flattened column by column.
-        takes_jumps: Whether sign and <= are accepted too, as hulls: for the derivatives
-            of fabs, fmin and fmax.
+        takes_jumps: Whether sign and <= are accepted, too, which occur in derivatives
+            of fabs, fmin and fmax. If a box has points on both sides of such a jump,
+            the interval holds the values of both sides.
 
     Raises:
         UnknownIntervalOperationError: If it has an operation without interval form, or
-            one that jumps.
+            one that jumps and is not accepted.
     """
     tape = expanded_tape(function)
     if not takes_jumps:

@@ -150,17 +150,19 @@ def _arguments(
 
 
 def require_smooth(function: ca.Function, at: Array) -> None:
-    """Validate that a function has no jump and bounded derivatives at a point.
+    """Validate that a function does not jump at a point and has bounded derivatives.
 
     Args:
         function: x (n, 1) -> a column.
         at: The point, shape (n,).
 
     Raises:
-        NotSmoothError: If an operation jumps there, or has unbounded derivatives. A
-            kink is not a jump.
-        UnknownIntervalOperationError: If it jumps, or has an operation without interval
-            form.
+        NotSmoothError: If the branch cut of an atan2 is at the point, or if an
+            operation has unbounded derivatives there. A kink, as that of fabs, is
+            allowed.
+        UnknownIntervalOperationError: If the function contains sign, or any other
+            operation that jumps except atan2, even if it does not jump at the point; or
+            if an operation has no interval form.
     """
     point = at[:, None]
     Kinks(function).require_no_cut(point, point, function.name())

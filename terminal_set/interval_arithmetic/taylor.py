@@ -95,7 +95,7 @@ class Derivatives:
 
 
 class TaylorForm:
-    """Upper bounds of a function on cells."""
+    """Upper bounds of a function c(e) on cells: parts of a ball of z, with e = T z."""
 
     def __init__(self, c: ca.Function, T: Array) -> None:
         """Build the functions that are evaluated.
@@ -267,8 +267,9 @@ def evaluated(
     Args:
         expression: The column.
         v: The column of symbols that it depends on.
-        takes_jumps: Whether derivatives of kinks are accepted, as hulls of both sides;
-            the caller must then look for the kinks (`smoothness.py`).
+        takes_jumps: Whether sign and <= are accepted, which occur in the derivatives of
+            functions with kinks; at a jump the interval then holds the values of both
+            sides, and the caller must look for the kinks (`smoothness.py`).
 
     Raises:
         UnknownIntervalOperationError: If it has an operation without interval form.
@@ -310,7 +311,7 @@ def _twice_along(tensor: Array, d: Array) -> Array:
 
 
 class Cells:
-    """Boxes of (rho, w) as cells of z = rho w / |w|.
+    """The cells of a ball: the points z = rho w / |w| of boxes of (rho, w).
 
     Attributes:
         z: The point of each cell about which functions are expanded, (nx, m).
@@ -355,8 +356,9 @@ class Cells:
     def linear(self, g: Array) -> tuple[Array, Array]:
         """Return terms whose sum is an upper bound of g'(x - z), x in the cell.
 
-        With g = g_r u + g_t, g_t at right angles to the middle direction u, and x =
-        rho w / |w|, w = |w_m| u + dw: g'x = rho (g_r cos(u, w) + g_t'dw / |w|).
+        Let u be the unit vector along the middle w_m of the box of w, g = g_r u + g_t
+        with g_t at right angles to u, x = rho w / |w|, and w = |w_m| u + dw. Then
+        g'x = rho (g_r cos(u, w) + g_t'dw / |w|).
 
         Args:
             g: Slopes, shape (nx, m).
@@ -414,7 +416,7 @@ class TimedCells(Cells):
         self.z_reach = below(self.z_reach, self._half_time)
 
     def linear(self, g: Array) -> tuple[Array, Array]:
-        """Return terms and slopes; see `Cells`, g with a last row for t."""
+        """Return terms and slopes as `Cells.linear`; the last row of g is for t."""
         terms, along = super().linear(g[:-1])
         return np.vstack([terms, self._half_time * np.abs(g[-1:])]), along
 

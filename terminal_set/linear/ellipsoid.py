@@ -207,7 +207,7 @@ def smaller_side(
 ) -> Array:
     """Return the distance between a reference and the nearer of its two bounds.
 
-    For bounds that are already relative to the reference, the reference is zero.
+    If the bounds are given relative to the reference, pass zeros as `reference`.
 
     Args:
         name: Name of the reference in errors.

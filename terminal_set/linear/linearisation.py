@@ -70,7 +70,8 @@ def linearise(
 
     Args:
         dynamics: f(x, u) -> xdot as a casadi.Function, SI units. Its value at the
-            reference need not be zero, see the module's docstring.
+            reference need not be zero: only the motion relative to the reference is
+            linearised.
         x_ref: Reference state, shape (nx,).
         u_ref: Reference input, shape (nu,).
 

@@ -93,7 +93,7 @@ class NotStabilisableError(SwarmstartError, ValueError):
 
     Attributes:
         modes: The eigenvalues of these modes, shape (number,). An eigenvalue with
-            several such directions is listed once for each of them.
+            several columns in `directions` is listed once for each of them.
         directions: For each mode the combination of states that no input moves, a
             column of unit length, shape (nx, number).
     """
@@ -111,11 +111,13 @@ class NotStabilisableError(SwarmstartError, ValueError):
 
 @dataclass(eq=False)
 class UnweightedModeError(SwarmstartError, ValueError):
-    """Q gives no cost to a mode on the boundary of stability: no optimal loop decays.
+    """Q gives no cost to a mode on the boundary of stability.
+
+    So the optimal feedback would leave this mode as it is, without decay.
 
     Attributes:
         modes: The eigenvalues of these modes, shape (number,). An eigenvalue with
-            several such directions is listed once for each of them.
+            several columns in `directions` is listed once for each of them.
         directions: For each mode a direction of states in which it moves at no cost, a
             column of unit length, shape (nx, number).
     """

@@ -113,8 +113,9 @@ class Drift:
 
     Attributes:
         entries: Numbers of the states that the drift moves.
-        rates: f(x_ref, u_ref) of these.
-        size: D, an upper bound of the drift's length: |r|_P [1/s], or |d|_P per hold.
+        rates: Entries of f(x_ref, u_ref) for these states.
+        size: Upper bound D of the length of the drift per second [1/s], or per hold for
+            a held input; the length of a vector v is |v|_P, the root of v'Pv.
         relative: a, the drift relative to |e|_P for which the proof leaves room; in
             1/s, or a fraction per hold for a held input.
     """
@@ -125,9 +126,10 @@ class Drift:
     relative: float
 
     def core_of(self, alpha: float) -> float:
-        """Return the level up to which the drift may cancel a set's decrease.
+        """Return the level e'Pe up to which the drift may cancel a set's decrease.
 
-        It is the level of the core, 0 for an exact equilibrium.
+        The set below this level is called the core. The level is 0 for an exact
+        equilibrium.
 
         Raises:
             NotAnEquilibriumError: If the core is too large compared with the set.
@@ -144,8 +146,8 @@ class ReferenceMotion:
     """The motion of a reference in states that should rest.
 
     Attributes:
-        entries: States that move although they should rest.
-        rates: f(x_ref, u_ref) of them.
+        entries: Numbers of the states that move although they should rest.
+        rates: Entries of f(x_ref, u_ref) for these states.
         bound: Upper bounds of |f| at the reference, rounding included; 0 for the states
             that have a stated velocity, shape (nx,).
     """
@@ -175,11 +177,11 @@ class ReferenceMotion:
         self.rates = tuple(float(xdot[entry]) for entry in moving)
 
     def over_hold(self, dt: float, substeps: int) -> Array:
-        """Bound the motion of the reference over a hold, for the map and the flow.
+        """Bound the motion of the reference over a hold, by the map and the exact flow.
 
         On every step, of the length h, a box is widened until h sup |f| over the box is
-        at most the width that was added: then the flow and every stage of the map stay
-        in the box.
+        at most the width that was added: then the exact flow and every stage of the
+        Runge-Kutta map stay in the box.
 
         Args:
             dt: Time for which the input is held [s].
@@ -291,9 +293,10 @@ def bearable_drift(
 
     Args:
         motion: The motion of the reference.
-        moved: Upper bounds of |r| or |d|, shape (nx,), >= 0.
-        change: The change of V without the drift.
-        alpha_max: Level of the bounds: no set is larger.
+        moved: Upper bounds of how far each state of the reference moves, per second,
+            or per hold for a held input, shape (nx,), >= 0.
+        change: The change of e'Pe without the drift.
+        alpha_max: Level that the bounds allow: no set is larger.
 
     Returns:
         The drift; it costs at most MOST_SHARE of the decrease near the reference.
@@ -320,7 +323,9 @@ def bearable_drift(
 
 
 def linear_decrease(change: Change) -> float:
-    """Return the least relative decrease of V near the centre; 0 without one.
+    """Return the least relative decrease of V(e) = e'Pe near e = 0.
+
+    It is 0 if V does not decrease in every direction.
 
     Returns:
         The decay in 1/s, or a fraction per hold if held; from floats, not proven.
@@ -391,9 +396,10 @@ def require_enough_substeps(
 ) -> None:
     """Validate that some level can be proven with a Runge-Kutta map.
 
-    Lengths are measured by P. For the linear parts: if the flow shrinks every
-    deviation, the sum of the map's factor and its error against the flow must be below
-    1.
+    The linear parts of map and exact flow over a hold are compared; the length of a
+    deviation e is the root of e'Pe. If the flow shortens every deviation, then the
+    largest factor by which the map changes a length, plus the map's largest error
+    relative to the length, must be below 1.
 
     Raises:
         TooFewSubstepsError: If the sum is not below 1.

@@ -57,8 +57,9 @@ class Undecided(NamedTuple):
     Attributes:
         lower: Lower corners, shape (1 + nx, m).
         upper: Upper corners.
-        spread: Variation of c along each coordinate; a box is cut along the largest
-            one.
+        spread: Variation of the bounded function along each coordinate, or for boxes at
+            the centre a number made from their widths; a box is cut along the
+            coordinate with the largest entry.
     """
 
     lower: Array
@@ -67,10 +68,12 @@ class Undecided(NamedTuple):
 
 
 class DecreaseBounds:
-    """Proofs that c < 0 on boxes of (rho, w).
+    """Proofs that the change c(e) of e'Pe is negative on boxes of (rho, w).
+
+    The points of a box are e = rho T w / |w|.
 
     Attributes:
-        T: Matrix T of e = T z, shape (nx, nx).
+        T: Matrix T, shape (nx, nx); T'PT = I except for rounding.
         defect: A bound of |T'PT - I|.
     """
 
@@ -144,15 +147,18 @@ def undecided(
     quadratic: Array,
     remainder: Array,
 ) -> Undecided:
-    """Return the boxes for which c < 0 follows from neither of the two bounds.
+    """Return the boxes of (rho, w) for which neither of two bounds shows that c < 0.
+
+    The first bound is c / rho^2 <= quadratic + remainder, the second is `bounded`.
 
     Args:
         bounded: Lower and upper corners of boxes with rho > 0 -> upper bounds of c,
             (m,), and its variation along each coordinate, (1 + nx, m).
         lower: Lower corners, shape (1 + nx, m).
         upper: Upper corners.
-        quadratic: Upper bounds of u'Mu, (m,).
-        remainder: Upper bounds of c / rho^2 - u'Mu.
+        quadratic: Upper bounds of the part of c / rho^2 that does not depend on rho,
+            (m,).
+        remainder: Upper bounds of the rest of c / rho^2, (m,).
     """
     left = ~(quadratic + remainder < 0)
     lower, upper, quadratic = lower[:, left], upper[:, left], quadratic[left]
@@ -172,8 +178,8 @@ def beside_diagonal(middle: Array, radius: Array) -> tuple[Array, float]:
     """Return the diagonal of M = H/2, and a bound of its off-diagonal part.
 
     Args:
-        middle: Middle of H, shape (nx, nx).
-        radius: Radius of H, shape (nx, nx).
+        middle: Middles of the entries of H, which are intervals, shape (nx, nx).
+        radius: Radii of the entries of H, shape (nx, nx).
     """
     M = middle / 2
     beside = radius / 2 + np.abs(M - np.diag(np.diag(M)))
@@ -183,10 +189,11 @@ def beside_diagonal(middle: Array, radius: Array) -> tuple[Array, float]:
 def quadratic_bound(
     diagonal: Array, beside: float, lower: Array, upper: Array
 ) -> Array:
-    """Return an upper bound of u'Mu over boxes of w, shape (m,).
+    """Return an upper bound of u'Mu over boxes of w, with u = w / |w|, shape (m,).
 
-    sum d_i s_i / sum s_i with s_i = w_i^2 between their ends is largest if the s_i of
-    the largest d_i are at their upper ends and the others at their lower ends.
+    For a matrix M with the diagonal d and nothing beside it, u'Mu is sum d_i s_i / sum
+    s_i with s_i = w_i^2. It is largest if the s_i of the largest d_i are at their upper
+    ends and the others at their lower ends.
 
     Args:
         diagonal: Diagonal of M, shape (nx,).

@@ -64,11 +64,11 @@ TUBES = 6
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class FlowError:
-    """A proven bound of the map's error.
+    """A proven bound of the Runge-Kutta map's error over a hold.
 
     Attributes:
-        relative: c with |flow - curve|_P <= c |e|_P at all times of the hold, for every
-            e of the ellipsoid; infinite if none was proven.
+        relative: c with |flow - map|_P <= c |e|_P at all times of the hold, for every
+            initial deviation e in the ellipsoid; infinite if no bound was proven.
         boxes: Number of boxes examined.
     """
 
@@ -121,7 +121,10 @@ class Piece:
         return self.times[1] - self.times[0]
 
     def weight(self, earlier: Piece) -> float:
-        """Return the integral of (s - q)^3 / 6, s in this piece, q < s in the other."""
+        """Return the integral of (s - q)^3 / 6 over s in this piece, q in `earlier`.
+
+        Only times q < s count. The integral is 0 if the pieces are of different steps.
+        """
         if self.step != earlier.step:
             return 0.0
         (low, high), (first, last) = self.times, earlier.times
@@ -130,7 +133,11 @@ class Piece:
 
 
 class ErrorSearch:
-    """The search for the bounds R, m and b of which the error is made."""
+    """The search for the bounds from which that of the Runge-Kutta error is computed.
+
+    They are R, for the residual of the map's curve; m, for the growth of its distance
+    from the flow; and b, for the map's error at the reference itself.
+    """
 
     def __init__(self, residual: Residual, alpha: float, until: float) -> None:
         """Divide the hold into pieces of time."""
@@ -335,7 +342,11 @@ class ErrorSearch:
         return np.asarray(np.nan_to_num(turns), dtype=np.float64)
 
     def relative_residual(self, piece: Piece) -> Measure:
-        """Return |r4(e) - r4(0)| / |e| on a piece of time as a quantity on cells."""
+        """Return |r4(e) - r4(0)| / |e| on a piece of time as a quantity on cells.
+
+        r4(e) is the fourth derivative in time of the residual of the map's curve that
+        begins at the deviation e.
+        """
         residual = self._residual
         own, own_wide = self._at_reference(piece)
 

@@ -219,7 +219,8 @@ def provable_hold(
 
     Args:
         motion: The motion.
-        change: c of its map, without the margins of integrator and drift.
+        change: The change of e'Pe by the map of the motion, without the margins of
+            integrator and drift.
         bounds: Levels up to which inputs and states keep their bounds, and the drift.
         rng: Source of randomness of samples and rays.
         until: Value of `now()` (machine_code/clocks.py) at which proofs of the
@@ -265,7 +266,8 @@ def provable_hold(
 def with_proven_growth(hold: ProvableHold, alpha: float, *, work: float) -> HeldMargins:
     """Return the margins of a hold, with its growth proven if that succeeds in time.
 
-    The level `alpha` is at most the one up to which the hold's error is proven.
+    The level `alpha` must not be above the level up to which the integrator's error is
+    proven.
     """
     until = now() + work
     for one in hold.motion.holds:

@@ -99,8 +99,8 @@ def proven_level(
             (`machine_code/clocks.py`), in units of work, each of about a second.
 
     Returns:
-        The requested level if it is proven, else the largest one that was; unproven if
-        none was.
+        The requested level if it could be proven, else the largest level that could be.
+        If no level could be proven, `alpha` of the result is 0.
 
     Raises:
         SwarmstartError: As `refuted_level` and `prove_level` say.

@@ -177,11 +177,13 @@ def search_ball(
     """Cut a ball into boxes until all are decided.
 
     Args:
-        bounds: Lower and upper corners of boxes of (rho, w) -> those undecided.
+        bounds: Function: lower and upper corners of boxes of (rho, w) -> the boxes that
+            are not decided yet. The points of a box are z = rho w / |w|.
         nx: Dimension of the ball.
         radius: Radius of the ball.
         limits: Limits at which the search stops.
-        broken: Undecided boxes -> a counterexample among them, if any.
+        broken: Function: undecided boxes -> a counterexample in one of them; None if it
+            finds no counterexample.
     """
     stack, boxes = [_faces(nx, radius)], 0
     while stack:

@@ -158,7 +158,9 @@ class Residual:
         )
 
     def fourth(self, start: StepStart, times: Times) -> tuple[Balls, Balls]:
-        """Enclose r4, and its slopes along e, in the coordinates z.
+        """Enclose r4 and its slopes along e, in the coordinates z.
+
+        r4 is the fourth derivative in time of the curve's residual.
 
         Args:
             start: Beginning of the step.
@@ -177,14 +179,16 @@ class Residual:
     def field(self, start: StepStart, times: Times, tube: float) -> tuple[Balls, Balls]:
         """Enclose f_x in a tube around a step of the curve, in the coordinates z.
 
+        f_x is the Jacobian of the dynamics f(x, u) in x.
+
         Args:
             start: Beginning of the step.
             times: First and last time, from the beginning of the step on [s].
             tube: The radius of the tube, in |z|.
 
         Returns:
-            f_x, matrices; the slopes along e of f_x v at the curve, for all v of
-            |v|_P <= 1 at once, matrices.
+            f_x, matrices; the slopes of f_x v along e, matrices that enclose those for
+            all v with |v|_P <= 1.
         """
         nx = self.nx
         low, high = self._curve(*_timed(start, times))

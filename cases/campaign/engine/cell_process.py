@@ -71,7 +71,10 @@ class Ending:
 
 
 class CellProcess:
-    """A process that works on cells, one at a time; the first cell starts it."""
+    """A process that carries out cells, the units of a campaign's work, one at a time.
+
+    The first cell starts the process.
+    """
 
     def __init__(self) -> None:
         """Prepare; the process is started later."""
@@ -84,7 +87,9 @@ class CellProcess:
         self._is_stopped = False
 
     def done(self, order: Order) -> dict[str, Any]:
-        """Return the reply to an order: `content`, and `files` if they are sent back.
+        """Carry out a cell; return `content`, and `files` if they are sent back.
+
+        The order is the cell as plain data, as from `Cell.order`.
 
         A cell whose process dies is tried once more. If the hard limit ended the work,
         the cell's `rescue` finishes the cell.

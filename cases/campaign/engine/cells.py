@@ -187,7 +187,8 @@ def carried_out(
 ) -> list[Outcome]:
     """Return the outcomes of cells, which are independent pieces of work (`Cell`).
 
-    A cell is done now if `root` has no outcome of it, or one that asks for another try.
+    A cell is done now if `root` has no outcome of it yet, or if it has failed and
+    another attempt may succeed.
 
     Args:
         cells: The cells, done in this order; equal ones are done once.

@@ -40,9 +40,9 @@ def declare_cell_process(reply: int) -> None:
 def hard_limit(seconds: float | None) -> Iterator[None]:
     """End this process if the context takes longer, also in native code.
 
-    Time for compiling machine code does not count, as on a stopwatch. Inside another
-    limit, the limit that ends earlier counts. Outside of a process of cells, in another
-    thread than the main one, or on a system without SIGALRM there is no limit.
+    Time for compiling machine code does not count. If limits are nested, the one that
+    ends earlier counts. Outside of a process of cells, in another thread than the main
+    one, or on a system without SIGALRM there is no limit.
 
     Args:
         seconds: Wall time [s]; None or infinity means no limit.

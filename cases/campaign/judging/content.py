@@ -379,7 +379,7 @@ def _refuse(text: str) -> float:
 
 
 def fault_of(content: Mapping[str, Any]) -> str:
-    """Return an error of a comparison with its place; empty without one.
+    """Return an error of a comparison with its place; empty if there is no error.
 
     Args:
         content: Content of a comparison, as read from JSON.

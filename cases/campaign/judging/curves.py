@@ -107,7 +107,11 @@ class Curves:
         }
 
     def ecdf(self, runs: Runs) -> dict[str, Any] | None:
-        """Return the share of (seed, target) pairs reached at each mark, and a band."""
+        """Return the share of (seed, target) pairs reached at each mark, with its band.
+
+        The band is that of 95 percent, from resampled seeds. Without resamples, or if
+        one run counts for every seed, both of its ends are the share itself.
+        """
         if not _has_history(runs) or not len(self.marks) or not len(self.targets):
             return None
         spent = reached(runs.evaluations, self.targets)

@@ -132,9 +132,9 @@ def compared_pairs(names: Sequence[str], seeds: int) -> list[tuple[int, int]]:
     """Return the pairs of solvers to compare, chosen before any result.
 
     Args:
-        names: Names of the solvers; others are compared with the first one and with the
-            null hypothesis.
-        seeds: Number of seeds.
+        names: Names of the solvers. Each is compared with the first one and with the
+            null hypothesis, which is IPOPT from random starts, if it is among them.
+        seeds: Number of seeds; from ALL_PAIRS_FROM seeds on, all pairs are compared.
     """
     first = [(k, 0) for k in range(1, len(names))]
     null = names.index(NULL_HYPOTHESIS) if NULL_HYPOTHESIS in names else 0
@@ -148,13 +148,17 @@ def compared_pairs(names: Sequence[str], seeds: int) -> list[tuple[int, int]]:
 
 
 def fewest_seeds(pairs: int) -> int:
-    """Return the least number of seeds that can show a difference, for some pairs."""
+    """Return the least number of seeds with which a difference can be shown.
+
+    Args:
+        pairs: Number of pairs of solvers that are tested together.
+    """
     # Two tests for each pair, of costs and of successes.
     return max(FEWEST_SEEDS, fewest_pairs(2 * pairs / (1 - SECONDS_SHARE)))
 
 
 def judged(results: Results) -> list[Pair]:
-    """Return comparisons of a scenario's solvers; first those with the first one."""
+    """Return comparisons of pairs of solvers, those with the first solver first."""
     seeds = results.costs.shape[1]
     pairs = compared_pairs(results.names, seeds)
     if not pairs:

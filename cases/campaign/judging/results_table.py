@@ -277,7 +277,7 @@ def write_curves(runs: Iterable[TabledRun], path: Path) -> None:
 
     Args:
         runs: The runs; those without a history add no rows.
-        path: The file to be written. One of this package is replaced.
+        path: The file to write; an earlier one of this package is replaced.
 
     Raises:
         MissingPackageError: If pyarrow is not installed.

@@ -122,13 +122,14 @@ class About:
         title: Title in words.
         kind: Kind of the scenario.
         variant: Variant of the scenario.
-        of: "plan" or "flight"; empty means that the results decide.
+        of: "plan" or "flight", the object whose cost is compared; if it is empty, it is
+            read from the results.
         known_cost: Feasible cost that is known from elsewhere, with the sign of a cost
-            that is minimised; None without one.
+            that is minimised; None if no such cost is known.
         known_from: Source of that cost, in words.
-        bound: Lower bound with the keys "value", "kind" and "reason", and its effort.
-            If "kind" is that of a bound, no cost is below "value". None if no bound was
-            sought.
+        bound: Result of the search for a lower bound, with the keys "value", "kind" and
+            "reason", and the effort. If "kind" is "proven" or "trivial", no cost is
+            below "value". None if no bound was sought.
         is_seeded: Whether each seed is a problem of its own, for example with other
             gusts; then each seed has its own best known cost.
     """
@@ -170,7 +171,7 @@ class Asked:
 
     @property
     def near_words(self) -> str:
-        """The first distance in words."""
+        """The first distance of `near` in words, such as "1 %"."""
         return f"{100 * self.near[0]:g} %"
 
 
@@ -183,8 +184,8 @@ class Runs:
         outcomes: Outcomes of its cells, in their order.
         results: Results of its cells; empty if a run has failed.
         costs: Verified costs; infinite if infeasible, shape (runs,).
-        evaluations: Best cost of each run over its number of evaluations.
-        seconds: Best cost of each run over its wall time.
+        evaluations: Best cost of each run as a function of its evaluations.
+        seconds: Best cost of each run as a function of its wall time.
     """
 
     entry: Entry
@@ -265,7 +266,7 @@ def _tolerance(results: Sequence[Mapping[str, Any]]) -> float:
 
 
 def number(value: object) -> float:
-    """Return a number; NaN without one."""
+    """Return a value as a float; NaN if it is not a number."""
     is_number = isinstance(value, int | float) and not isinstance(value, bool)
     return float(value) if is_number else math.nan  # type: ignore[arg-type]
 
@@ -288,7 +289,7 @@ def _cost(result: Mapping[str, Any]) -> float:
 
 
 def is_false_success(result: Mapping[str, Any], near: float = NEAR[0]) -> bool | None:
-    """Return whether a solver calls an answer feasible wrongly, or errs in its cost.
+    """Return whether a solver wrongly calls an answer feasible, or errs in its cost.
 
     Args:
         result: Result of a run.

@@ -79,8 +79,8 @@ class Judged:
     def times_to(self, runs: Runs, courses: Courses, which: int) -> Array:
         """Return the effort of each run to come near the best; infinite if never.
 
-        If each seed is a problem of its own, it is the effort of the whole run, for
-        runs that end near the best.
+        If each seed is a problem of its own, the effort of a whole run is returned for
+        each run that ends near the best.
         """
         if self.is_seeded:
             return np.where(self.near(runs, which), courses.ends, np.inf)

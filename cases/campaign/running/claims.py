@@ -137,7 +137,10 @@ def _judged(
 
 
 def assignments_of(settings: Mapping[str, Any]) -> tuple[str, ...]:
-    """Return dotted settings as texts for `--set`; a search by name comes first."""
+    """Return dotted settings as texts for `--set`.
+
+    The name of a search comes first, since it replaces all settings of the search.
+    """
     # `search={name: ...}` replaces all settings of the search, so it comes first.
     ordered = sorted(settings.items(), key=lambda item: item[0] != "search.name")
     return tuple(

@@ -58,7 +58,7 @@ class RunStatus(NamedTuple):
         more: Text after `found`; it is empty or begins with a comma or semicolon.
         all_found: Whether every plan is feasible.
         reason: Reason for the status of the one plan; empty for other runs.
-        advice: Advice on what to change; empty without one.
+        advice: Advice on what to change; empty if there is none.
         paragraphs: Paragraphs of the docs that explain a result with problems.
     """
 
@@ -268,8 +268,8 @@ class Run:
         multipliers: Multipliers of the first plan, if one agent plans and a solver
             converged.
         bound: Lower bound of the cost of any plan; None if none was asked for.
-        bound_content: The bound as in run.json; that of an earlier, equal run if no
-            bound was asked for and the record has one; else None.
+        bound_content: The bound as in run.json. If no bound was asked for, it is that
+            of an earlier, equal run in the same record; None if there is none.
         documents: Further files of the record: name -> text.
     """
 

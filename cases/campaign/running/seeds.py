@@ -130,7 +130,7 @@ def _band(
 def spread_of(values: Sequence[Any]) -> tuple[str, ...]:
     """Return lowest, median and highest of a measure, and how many are undefined.
 
-    For a list the largest entry counts.
+    If the measure of a run is a list, its largest entry counts.
     """
     # One number for each run, so that runs can be compared.
     single = [_largest(value) for value in values]

@@ -339,7 +339,7 @@ def earlier_best(contest: Contest, root: Path, sense: int = 1) -> Earlier | None
         sense: -1 if the problem is maximised.
 
     Returns:
-        The best answer; None without one.
+        The best answer; None if there is none.
     """
     wanted = _problem(contest.resolved.settings)
     marks = sorted(
@@ -363,13 +363,15 @@ def earlier_best(contest: Contest, root: Path, sense: int = 1) -> Earlier | None
 def listed_best(contest: Contest) -> BestKnown | None:
     """Return the listed best known value of a hard problem that is compared as shipped.
 
-    Settings of the method may differ, and those that do not change the problem.
+    The scenario may differ from the shipped file in settings of its method, and in
+    settings that do not change the problem.
 
     Args:
         contest: A scenario that is compared by one plan.
 
     Returns:
-        None if the scenario is no hard problem, or another, or has no known value.
+        The value; None if the scenario has the name of no hard problem, if it states
+        another problem than that of its name, or if no value is known.
     """
     name = f"hard/{contest.resolved.scenario.name}"
     if name not in hard_problems():
@@ -397,12 +399,13 @@ def bounds_of(
     Args:
         contests: The scenarios; their solvers have run.
         outcomes: Outcomes of the solvers' cells, by their keys.
-        seconds: Time for each bound [s]; None means that no bound is sought.
+        seconds: Work for each bound, in units of about a second; None means that no
+            bound is sought.
         carried_out: Function of cells that returns their outcomes in the same order.
 
     Returns:
-        Bounds by scenario, of the form of `About.bound`, with the sign of costs that
-        are minimised.
+        Bounds by scenario, of the form of `About.bound`. For a value that is maximised
+        the sign of the bound is changed, as that of a cost to minimise.
     """
     if seconds is None:
         return {}

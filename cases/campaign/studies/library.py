@@ -147,15 +147,16 @@ class Row:
         outcomes: Outcomes of its cells.
         feasible: Number of feasible answers.
         successes: Number of answers near the best known cost.
-        success_interval: 95 percent interval of the rate; None for a deterministic
-            solver.
+        success_interval: 95 percent interval of the rate of successes; None for a
+            deterministic solver.
         costs: Verified costs of the feasible answers, sorted.
         evaluations: Median number of evaluations; None if all cells failed.
         against_first: Comparison with the first solver, in words.
         false_successes: Number of answers that the solver calls feasible although they
             are not, or whose verified cost differs from the one that it reports.
-        expected_evaluations: Expected evaluations to come near the best known cost,
-            with those of failed runs; None if no run comes near, or if it is not known.
+        expected_evaluations: Expected evaluations until an answer is near the best
+            known cost, if failed runs are followed by new ones; None if no run comes
+            near, or if the number is not known.
     """
 
     entry: Entry
@@ -228,8 +229,8 @@ def run(  # noqa: PLR0913 - the options of a command
             as --force.
         allow_code: Whether a scenario of kind python may run the file that it names,
             as --allow-code.
-        bound: Work for a lower bound of the cost of the one plan, as --bound; None
-            means that no bound is sought.
+        bound: Work for a lower bound of the cost of the one plan, in units of about a
+            second, as --bound; None means that no bound is sought.
         threads: Largest number of threads and processes, as in `solve`.
         settings: Keys and values as for --set, such as
             {"steps": 2, "budget.evaluations": 600}.
@@ -307,7 +308,7 @@ def compare(  # noqa: PLR0913 - the options of a command
 
     The solvers run in this process, one after another, and no result is kept. In
     contrast, `swarmstart compare` uses several processes and continues an interrupted
-    comparison. The same seeds give the same answers here and there.
+    comparison. The same seeds give the same answers in both.
 
     Args:
         problems: One problem, a list, or a mapping from names to problems. Each is a
@@ -318,7 +319,7 @@ def compare(  # noqa: PLR0913 - the options of a command
             (problem, x0, budget, rng) -> controls, or the settings of a search, or the
             class of such settings (docs/own_solver.md). A function with parameters
             `evaluate` or `known` is given these, too. A mapping can name the solvers.
-            The others are compared with the first solver.
+            All other solvers are compared with the first one.
         seeds: Number n of seeds, which are 0, ..., n - 1.
         budget: Budget of one planning problem: "4000evals", "5s" or a number of
             evaluations.

@@ -51,7 +51,7 @@ def cell_of_run(
         resolved: The scenario.
         seed: The seed.
         figures: Whether figures are drawn, into `figures` of its folder.
-        flown_by: "module:function" that makes the run; by default it returns the
+        flown_by: "module:function" that makes the run; the default one returns the
             measures.
     """
     # Figures show the title; without them, runs that differ in it are one cell.
@@ -159,8 +159,8 @@ class PlannedPart:
             part.
         variant: The variant that is run; empty if there are no variants.
         reason: Reason why the measure can be undefined, as in `claims.holds`.
-        cells: A cell for each seed, or a pair of cells, the first compared with the
-            second.
+        cells: For each seed one cell, or a pair of cells of which the first is compared
+            with the second.
         commands: Commands that make these runs, without the seed.
     """
 
@@ -178,11 +178,12 @@ class JudgedPart:
 
     Attributes:
         planned: The part with its cells.
-        values: Measures, or ratios of pairs, one for each seed, in the order of the
-            seeds.
+        values: Measures, or ratios of pairs, in the order of the seeds; one for each
+            seed without a failed run.
         pairs: The two measures of each pair; empty if nothing is compared.
         verdict: The verdict on the part.
-        test: The statistical test in words; empty without a test.
+        test: Words on the verdict: the statistical test, the number of supporting runs,
+            or the reason why the part is not judged; may be empty.
         failures: Reasons why cells failed.
     """
 

@@ -110,7 +110,7 @@ class Sweep:
 
     @property
     def invalid(self) -> dict[int, str]:
-        """Reason why an instance is invalid, with its line in a file, by number."""
+        """Number of each invalid instance -> its line in a file, if any, and reason."""
         return {
             number: ": ".join(filter(None, (self.given.place(number), reason)))
             for number, reason in sorted(self.solutions.invalid.items())

@@ -54,8 +54,9 @@ def verdict_of_seeds(
         reason: Reason why a measure can be undefined, as in `claims.holds`.
 
     Returns:
-        The verdict, and the number of supporting runs in words; empty if all runs
-        support the claim, or none.
+        The verdict, and words on it: the number of supporting runs, or the reason why
+        the claim is not judged. The words are empty if all runs support the claim, or
+        none does.
     """
     found = [
         holds(value, relation, bound, width=width, reason=reason) for value in values
@@ -76,7 +77,8 @@ def paired_verdict(
 
     A signed-rank test must show a difference before the median ratio is compared. It
     tests the logarithms of the ratios, so that half and double have equal weight, or
-    the ratios minus 1 if a measure changes its sign.
+    the ratios minus 1 if a measure changes its sign. With too few pairs the claim is
+    not judged, and the words give the reason.
 
     Args:
         ratios: Ratios of the pairs.

@@ -37,8 +37,9 @@ def bound_cell(
     """Return a lower bound of a scenario's planning problem; called in a worker.
 
     Args:
-        job: "settings" and "variant" of the scenario, "seconds" for the bound, and
-            "known": the best cost found, as the problem states it, or None.
+        job: "settings" and "variant" of the scenario; "seconds": work for the bound, in
+            units of about a second; "known": the best cost found, as the problem states
+            it, or None.
         folder: Folder of the certificate.
         code_in: The folder whose files may be run; None if no file may be run.
     """

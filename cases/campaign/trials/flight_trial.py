@@ -44,7 +44,8 @@ def flight_cell(
 
     Args:
         resolved: The scenario, with the search and polish of its plans.
-        seed: The number of the run: seed of all random numbers, see `seeded`.
+        seed: The number of the run. It is the seed of the solver, and is added to the
+            seeds that the scenario has (`seeded`).
         timeout_s: Time limit [s]; None means no limit.
         named: Whether the scenario's claims are judged; else scenarios that differ only
             in name and claims share one cell.
@@ -80,7 +81,7 @@ def fly_cell(
 
 
 def flown_trial(finished: Run) -> FlightResult:
-    """Return the result of a finished run as that of a trial."""
+    """Return the result of a finished run in the form of a trial's result."""
     trajectory, measures = finished.trajectory, finished.measures
     resolved, flight = finished.resolved, finished.flight
     found = resolved.kind.whole_run(resolved.scenario, flight, trajectory, measures)

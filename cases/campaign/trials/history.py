@@ -122,7 +122,10 @@ class Meter:
 
     @contextmanager
     def searching(self) -> Iterator[None]:
-        """Count what a search reports, not the work of solvers that it calls."""
+        """Context of a search, in which only the work that the search reports counts.
+
+        Reports of NLP solvers that the search calls are not counted.
+        """
         self._search = self._spent
         self._clock = [(self._spent, self.seconds)]
         try:
@@ -174,7 +177,11 @@ class Meter:
             self._spent += evaluations
 
     def iterated(self, evaluations: float, answer: Callable[[], Answer] | None) -> bool:
-        """Evaluate an iterate if it is at a mark; return whether to continue."""
+        """Evaluate an iterate if the work has reached a mark of the history.
+
+        Returns:
+            Whether to continue: False if a budget is spent.
+        """
         spent = self._spent + (0.0 if self._search is not None else evaluations)
         mark = math.floor(PER_DECADE * math.log10(max(spent, 1.0)))
         self._keep(spent)
@@ -253,9 +260,9 @@ class Meter:
 
         Args:
             seconds: End of the trial [s]; None means now.
-            final: Value of the solver's answer, which bounds all earlier entries, since
-                the solver did not answer with a better one. None means the best answer
-                so far.
+            final: Cost and violation of the solver's answer; None means those of the
+                best answer so far. An earlier point that was better than the solver's
+                answer counts like the answer, since the solver did not return it.
         """
         best, improved = WORST, []
         if seconds is None:
@@ -327,7 +334,7 @@ class CountedObjective:
     """An objective that counts calls for a meter, and raises when the budget is spent.
 
     Attributes:
-        spent: The limit that has ended it: "evaluations" or "seconds"; empty before.
+        spent: The limit that is reached, "evaluations" or "seconds"; empty before.
     """
 
     def __init__(
@@ -353,8 +360,9 @@ class CountedObjective:
         """Return cost and violation of each point, shape (size,).
 
         Raises:
-            BudgetSpent: If an earlier call spent the budget, or if this call does; its
-                points are then evaluated and counted before.
+            BudgetSpent: If the budget was spent by an earlier call, or is spent by this
+                one. The points of this call are evaluated and counted first, as far as
+                the budget allows.
         """
         if self.spent:  # The caller has gone on.
             raise BudgetSpent

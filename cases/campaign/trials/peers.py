@@ -1,7 +1,7 @@
 """Solvers of other packages on the same problem: searches, and python-control.
 
-A search runs as in its package, on the same objective and in the same box, with the
-package's own defaults unless options replace them, and can end by its own rules. It
+A search runs as in its package, on the same objective and within the same bounds, with
+the package's own defaults unless options replace them, and can end by its own rules. It
 minimises one number,
 
     cost + weight * violation,
@@ -181,9 +181,10 @@ def _evolve(task: PeerTask, name: str, **options: Any) -> None:
 
 
 def cmaes_ipop(task: PeerTask) -> None:
-    """Run `cmaes.CMA` from the middle of the box; each restart doubles the population.
+    """Run `cmaes.CMA` from the middle of the bounds, with restarts (IPOP).
 
-    The box is scaled to [0, 1]; later starts are drawn from it (IPOP).
+    Variables are scaled to [0, 1]. Each restart doubles the population and begins at a
+    uniform random point within the bounds.
     """
     from cmaes import CMA
 
@@ -233,8 +234,8 @@ def solve_ocp(made: Built, trial: Trial, meter: Meter) -> bool:
         Whether the solver ended by itself, and not by the budget.
 
     Raises:
-        PeerError: If the problem has other unknowns than controls, or the solver
-            refuses an option.
+        PeerError: If the problem has other unknowns than controls, if controls must be
+            whole numbers, or if the solver refuses an option.
     """
     import control
     import control.optimal
@@ -310,7 +311,10 @@ class _ControlSystem:
         self._steps = 0
 
     def step(self, t: float, x: Array, u: Array, params: Any) -> Array:
-        """Return the state after the interval whose number is the last entry of x.
+        """Return the state at the end of an interval.
+
+        The last entry of x is the number of the interval, and the last entry of the
+        returned state that of the next interval.
 
         Raises:
             BudgetSpent: If the budget is spent.

@@ -105,7 +105,7 @@ class FlightResult(TrialResult):
         claims: Judged claims: "id", "text", "gate", "holds".
         track: "time" [s] and "states" by name at some instants.
         reason: Reason for the status of a single plan; empty for other runs.
-        advice: Advice on what to change; empty without one.
+        advice: Advice on what to change; empty if there is none.
     """
 
     of: ClassVar[str] = "flight"

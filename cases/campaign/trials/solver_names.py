@@ -74,12 +74,12 @@ class Solver:
         name: Canonical name: options sorted, values as JSON.
         title: Description in a few words.
         family: Key of the function that runs it.
-        search: A key of SEARCHES, as in a scenario; "none" without a search; "" for the
-            scenario's own.
+        search: A key of SEARCHES, as in a scenario; "none" if the solver has no search;
+            "" if it takes the scenario's own.
         polished: Whether an NLP solver continues from the search's answer, or works
             alone.
-        peer: A key of PEERS; empty without one.
-        plugin: The NLP solver, by its name in CasADi; empty without one.
+        peer: A key of PEERS; empty if the solver is none of these.
+        plugin: The NLP solver, by its name in CasADi; empty if the solver has none.
         options: Options of the search or the peer, sorted; values as JSON.
         polish_options: Options of the NLP solver.
         hint: Sentence on a name that has changed; empty if it has not.
@@ -140,7 +140,7 @@ def solver_of(text: str) -> Solver:
 
 
 def solvers_of(text: str) -> list[Solver]:
-    """Return the solvers of a text of names with commas between, each solver once.
+    """Return the solvers that a text names, with commas between; each solver once.
 
     Args:
         text: Text such as "de,lshade[size=60,memory=6]+ipopt"; commas in brackets

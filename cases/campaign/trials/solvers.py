@@ -149,9 +149,10 @@ def _number(text: str) -> float:
 
 
 def search_share(solver: Solver, budget: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the part of a budget that a scenario's search has, for its checks.
+    """Return the part of a budget that a scenario's settings give to the search.
 
-    A trial gives the search less if the NLP solver needs more; see trial.py.
+    The scenario is checked with this part. A trial gives the search less if the NLP
+    solver needs more; see `share_of` in building.py.
     """
     share = SEARCH_SHARE if solver.polished else 1.0
     parts = {name: share * value for name, value in budget.items()}

@@ -16,8 +16,8 @@ A budget of evaluations counts an NLP solver's work in rollouts (`ocp.nlp.Work`)
 stops it after the iteration that spends the budget. Searches, local solves of many
 starts at once (lanes) and NLP solvers observe a budget of seconds themselves, between
 two generations, batches or iterations. A solver that still runs after LATE times the
-budget and a moment is ended by the system (wall_limit.py), and its last checkpoint is
-judged (`judged_checkpoint`).
+budget, plus a moment, is ended by the system (wall_limit.py), and its last checkpoint
+is judged (`judged_checkpoint`).
 
 The answer is simulated again ten times finer: "claimed" values are those of the solver,
 "verified" ones those of this simulation. The repair of an answer that breaks a

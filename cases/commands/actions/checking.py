@@ -1,9 +1,9 @@
 """`swarmstart check`: whether scenarios are valid, in all their variants.
 
 Angles that look like degrees give a warning, here and in `swarmstart run`. Units that
-contradict each other give a warning here only, since reading units takes a second. So
-do a start outside of a limit, and signals that plans take as linear between two checks
-though they are not: of these a run tells at its end.
+contradict each other give a warning here only, since reading units takes a second. Two
+further findings give a warning here only, since a run reports them at its end: a start
+outside of a limit, and signals that plans wrongly take as linear between two checks.
 """
 
 import argparse
@@ -108,10 +108,11 @@ def start_warnings(flight: Flight[Posed]) -> list[str]:
 
 
 def angle_warnings(settings: Mapping[str, Any]) -> list[str]:
-    """Return a warning for each angle of more than a full turn in round numbers.
+    """Return a warning for each angle that looks like degrees.
 
-    Headings can lie beyond a full turn, as 11*pi/5 does for a UAV that turns left; but
-    such values are no multiples of a half, while degrees mostly are.
+    Such an angle is above a full turn, and a multiple of 0.5. A heading in radians can
+    be above a full turn, too, as 11*pi/5 for a UAV that turns left; but it is hardly
+    ever a multiple of 0.5, while degrees mostly are.
 
     Example:
         >>> angle_warnings({"heading_rad": 90.0})[0].partition(" (more: ")[0]

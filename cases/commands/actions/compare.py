@@ -342,7 +342,10 @@ def _unbounded(contests: Sequence[Contest], plan: ComparisonPlan) -> list[str]:
 
 
 class Known(NamedTuple):
-    """A cost known from outside of the comparison, with the sign of a minimised one."""
+    """A cost known from outside of the comparison.
+
+    For a value that is maximised its sign is changed, as that of a cost to minimise.
+    """
 
     cost: float
     where: str = ""

@@ -1,7 +1,7 @@
 """`swarmstart new` and `swarmstart schema`: help for writing a scenario.
 
 The first writes a commented scenario to start from, the second prints the JSON Schema
-with which an editor completes and checks one.
+with which an editor completes and checks a scenario.
 """
 
 import argparse

@@ -309,10 +309,10 @@ def _figures(plan: Plan, outcomes: Mapping[str, Outcome]) -> list[dict[str, Any]
 def deciding(claim: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     """Return the parts that decide a claim's verdict, for its row in a table.
 
-    The first is the part that is farthest from holding, the earliest of several. If the
-    claim holds in part, a second one follows: the earliest part that holds; or, if no
-    part holds, the earliest one that holds in part, unless that is the verdict on the
-    first, too.
+    The first is the part that is farthest from holding; of several equally far ones it
+    is the earliest. If the claim holds in part, a part that is nearer to holding
+    follows, if there is one: the earliest part that holds, or else the earliest part
+    that holds in part.
     """
     judged = [p for p in claim["parts"] if p["verdict"] != str(Verdict.BESIDE)]
     # min returns the first of equals, as promised.

@@ -69,7 +69,7 @@ SILENT = ("--no-figures", "--json", "-q", "--quiet")
 
 
 class Told(NamedTuple):
-    """A measure that a sentence gives.
+    """A measure, and the words of a sentence that gives its value.
 
     Attributes:
         name: The measure.
@@ -115,7 +115,7 @@ def run_seeds(
 ) -> int:
     """Run a scenario with seeds 0 to N - 1; return the exit code.
 
-    The gate fails if one of the conditions of --fail-on is true in any run.
+    The exit code reports a failure if a condition of --fail-on is true in any run.
     """
     # Named, so that the claims of the scenario are judged.
     cells = [flight_cell(resolved, seed, named=True) for seed in range(options.seeds)]

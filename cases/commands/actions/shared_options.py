@@ -30,7 +30,10 @@ class InvalidConditionError(SwarmstartError, ValueError):
 
 
 def condition_of(text: str, resolved: Resolved) -> Condition:
-    """Return measure, relation and bound in the text of --fail-on; null gives None.
+    """Return measure, relation and bound in the text of --fail-on.
+
+    The bound is None if it is null in the text: the condition is then that the measure
+    is not defined.
 
     Raises:
         InvalidConditionError: If the text is not a condition on a measure of the

@@ -54,7 +54,7 @@ class Option:
     more: Mapping[str, Any] = field(default_factory=dict)
 
     def add_to(self, parser: argparse._ActionsContainer) -> None:
-        """Add it to a parser, or to a group of one."""
+        """Add the option to a parser, or to a group of options of a parser."""
         parser.add_argument(*self.names, help=self.help, **self.more)
 
 
@@ -65,7 +65,7 @@ class OneOf:
     options: tuple[Option, ...]
 
     def add_to(self, parser: argparse.ArgumentParser) -> None:
-        """Add them to a parser."""
+        """Add the options to a parser, as a group."""
         group = parser.add_mutually_exclusive_group()
         for one in self.options:
             one.add_to(group)

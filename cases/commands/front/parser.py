@@ -214,7 +214,7 @@ class _Version(argparse.Action):
     """Print the versions that matter and exit."""
 
     def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
-        """Print them."""
+        """Print the versions, and exit."""
         others = versions()
         # Our version stands first, before Python's.
         ours = others.pop("swarmstart")

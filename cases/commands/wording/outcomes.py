@@ -69,8 +69,8 @@ def collisions(finished: Run) -> list[str]:
 def time_of_excess(finished: Run) -> str:
     """Return " between T1 and T2 s": the control interval of the largest excess.
 
-    The interval is found by halving the path: it is the one in which the largest excess
-    so far becomes that of the whole path. The text is empty if no interval is found.
+    It is the first interval at whose end the largest excess so far is that of the whole
+    path; bisection finds it. The text is empty if the run has no measure of the excess.
     """
     whole = finished.measures.get("constraint_excess")
     if not is_number(whole):
@@ -89,7 +89,10 @@ def time_of_excess(finished: Run) -> str:
 
 
 def told_status(finished: Run) -> str:
-    """Return the sentence on how a run ended, with any broken constraint."""
+    """Return the sentence on how a run ended.
+
+    If all plans are feasible, but the path breaks a constraint, it says so.
+    """
     hides_broken = finished.ended.all_found and breaks_constraint(finished)
     return finished.ended.sentence(_BUT_BROKEN if hides_broken else "")
 

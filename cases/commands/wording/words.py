@@ -164,7 +164,7 @@ def _times(finished: Run) -> str:
 
 
 def picture(figures: Sequence[Path]) -> str:
-    """Return a line on where the figures are; the one to begin with comes first."""
+    """Return a line with the path of the main figure, and the number of the others."""
     if not figures:
         return "No figures were drawn."
     first = next((file for file in figures if file.stem == SHEET), figures[0])

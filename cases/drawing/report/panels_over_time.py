@@ -197,7 +197,9 @@ def _told(value: float) -> str:
 
 
 def reduced(times: Array, values: Array, most: int) -> tuple[Array, Array]:
-    """Return about `most` of the instants at most, with the first and the last.
+    """Return about `most` of the instants, or fewer, with their values.
+
+    The first and the last instant are among them.
 
     Args:
         times: Instants, shape (n,), or (n + 1,) if values are held.

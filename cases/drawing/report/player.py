@@ -204,11 +204,11 @@ class _World:
         self.height = round(float((self.high - self.low)[1]) * self.per_unit)
 
     def x(self, values: Array) -> Array:
-        """Return places from left to right."""
+        """Return the places of x coordinates, counted from the left edge."""
         return np.asarray((values - self.low[0]) * self.per_unit)
 
     def y(self, values: Array) -> Array:
-        """Return places from the top down."""
+        """Return the places of y coordinates, counted from the upper edge down."""
         return np.asarray((self.high[1] - values) * self.per_unit)
 
     def payload(self, tracks: Tracks) -> dict[str, Any]:

@@ -180,7 +180,10 @@ REGRESSION = ("scenario", "solver", "quantity", "before", "now", "verdict", "why
 
 
 def regression(content: Mapping[str, Any]) -> list[list[Cell]]:
-    """Return rows of the regression's table; empty without one."""
+    """Return rows of the table that compares with an earlier comparison.
+
+    Without an earlier comparison there are none.
+    """
     if content["regression"] is None:
         return []
     return [

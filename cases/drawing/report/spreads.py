@@ -159,7 +159,7 @@ def ranks(content: Mapping[str, Any], *, numbers: Mapping[str, int]) -> Figure |
 
 
 def judged(content: Mapping[str, Any], *, numbers: Mapping[str, int]) -> Figure | None:
-    """Return a figure of confirmed answers, false claims, and no claims by solver."""
+    """Return a figure of the shares of confirmed answers and false claims by solver."""
     totals = claims_by_solver(content)
     if not totals:
         return None

@@ -259,7 +259,7 @@ def outline(x: Array, low: Array, high: Array) -> str:
 
 
 def box(x: Sequence[float], y: Sequence[float]) -> str:
-    """Return the path around a box, from its ends."""
+    """Return the path around a box, from its two ends in x and its two ends in y."""
     left, right, one, other = map(_decimal, (*x, *y))
     return f"M{left} {one}H{right}V{other}H{left}z"
 
@@ -313,7 +313,12 @@ def legend(numbers: Mapping[str, int]) -> "Markup":
 
 
 def thinned(length: int, most: int) -> list[int]:
-    """Return at most `most` places in a list, evenly spaced, with both ends."""
+    """Return at most `most` indices of a list, evenly spaced, with both ends.
+
+    Args:
+        length: Number of entries in the list.
+        most: Largest number of indices.
+    """
     if length <= most:
         return list(range(length))
     return sorted({round(k * (length - 1) / (most - 1)) for k in range(most)})

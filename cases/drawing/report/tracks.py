@@ -1,9 +1,10 @@
 """A recorded run as tracks in the plane and lines over time, for the player.
 
 Which states are positions is read from the record: UAVs of the planar kinds have (v,
-psi, x, y); in a close formation the wingman's place is relative to its leader; in a
-problem positions are the states that its `separation` or its distances name, else `x`
-and `y`. For a record without positions only lines over time are drawn.
+psi, x, y); in a close formation x and y say how far the leader is ahead of its wingman
+and to its right; in a problem positions are the states that its `separation` or its
+distances name, else `x` and `y`. For a record without positions only lines over time
+are drawn.
 """
 
 import re

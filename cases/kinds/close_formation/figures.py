@@ -109,7 +109,7 @@ def sheet_figure(
     trajectory: Trajectory,
     exact: Trajectory | None,
 ) -> "Figure":
-    """Return (a): place, errors, commands, and planning."""
+    """Return figure (a): place, errors, commands, and planning."""
     labels = Labels(controls=COMMANDS, units=UNITS)
     scale = np.array([1.0, np.degrees(1.0), 1.0])  # The heading command in degrees.
     _, (lower, upper) = stacked_limits([flight.posed.agents[0].problem])
@@ -146,11 +146,11 @@ def sheet_figure(
 
 
 def settled_s(scenario: CloseFormationScenario, trajectory: Trajectory) -> float | None:
-    """Return the time after the leader's last change from which x and y are settled.
+    """Return the time from which x and y stay settled, after the leader's last change.
 
     Returns:
-        Time since the start [s]; None if they never settle, or if the leader changes
-        after the end.
+        Time since the start of the flight [s]; None if x and y do not settle, or if
+        the leader's last change is after the end of the flight.
     """
     off = np.abs(deviations(scenario, trajectory.states)[:2])
     settled = settled_at(trajectory.times, off, SETTLED_FT)
@@ -194,7 +194,7 @@ def motion_figure(
     trajectory: Trajectory,
     exact: Trajectory | None,
 ) -> "Figure":
-    """Return (b): speed, heading, cost J of each plan, and drag saved."""
+    """Return figure (b): speed, heading, cost J of each plan, and drag saved."""
     figure = new_figure((11.0, 7.0))
     fast, turned, costs, saved = figure.subplots(2, 2, sharex=True).ravel()
     speed, heading, _ = flight.posed.leader(trajectory.times)

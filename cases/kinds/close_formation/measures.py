@@ -39,7 +39,7 @@ def measure(
     flight: CloseFormationFlight,
     trajectory: Trajectory,
 ) -> Mapping[str, Measure]:
-    """Return all measures of MEASURES by name, null if one is not defined."""
+    """Return all measures of MEASURES by name, with None for undefined ones."""
     measures: dict[str, Measure] = {
         **_tracking(scenario, trajectory),
         **_motion(scenario, flight, trajectory),
@@ -57,7 +57,10 @@ def whole_run(
     trajectory: Trajectory,
     measures: Mapping[str, Measure],
 ) -> WholeRun:
-    """Return the integral of the stage cost of (5.21) over the simulated path."""
+    """Return the cost of the simulated path, and the largest excess of a constraint.
+
+    The cost is the integral of the stage cost of (5.21).
+    """
     del scenario, measures
     problem = flight.posed.agents[0].problem
     cost, excess, _ = flown_values(problem, flight, trajectory)
@@ -98,7 +101,7 @@ def best_saving(flight: CloseFormationFlight) -> float:
 
 
 def reference_costs(flight: CloseFormationFlight, trajectory: Trajectory) -> Array:
-    """Return J* of IPOPT at the state of each step, from its plan, shape (T,)."""
+    """Return J of each step's plan after a polish by IPOPT, shape (T,)."""
     # Tighter than a plan's polish, so that the error of J* is not in the gaps.
     polisher = Polisher(flight.loop.planner.fitness, IpoptOptions(tolerance=1e-10))
     best, lowered = [], flight.loop.planner.lowered

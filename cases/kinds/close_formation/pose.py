@@ -188,8 +188,9 @@ def _plant(
 def leader_of(leader: Leader) -> Callable[[Array], Array]:
     """Return a function from times (n,) [s] to (V_L, psi_L, h_L), shape (3, n).
 
-    With `hold` a row is valid until the next; with `linear` values change evenly from
-    row to row, and stay as they are after the last row. Headings are not wrapped.
+    If `leader.between` is `hold`, a row is valid until the next one. If it is `linear`,
+    values change evenly from row to row, and stay as they are after the last row.
+    Headings are not wrapped.
     """
     times = np.array([row.time_s for row in leader.manoeuvre])
     rows = np.array(
@@ -206,12 +207,12 @@ def leader_of(leader: Leader) -> Callable[[Array], Array]:
 
 
 def first_manoeuvre_s(leader: Leader) -> float:
-    """Return the beginning of the leader's first change [s]; 0 without a change."""
+    """Return the beginning of the leader's first change [s]; 0 if it never changes."""
     return min((begin for begin, _ in _changes(leader)), default=0.0)
 
 
 def last_change_s(leader: Leader) -> float:
-    """Return the end of the leader's last change [s]; 0 without a change."""
+    """Return the end of the leader's last change [s]; 0 if it never changes."""
     return max((end for _, end in _changes(leader)), default=0.0)
 
 

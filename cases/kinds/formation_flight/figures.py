@@ -107,7 +107,10 @@ def draw(
 def sheet_figure(
     scenario: FormationScenario, flight: FormationFlight, trajectory: Trajectory
 ) -> "Figure":
-    """Return (a): tracks, errors, controls, and planning; of one plan, distances."""
+    """Return figure (a): tracks, errors, controls, and the time of planning.
+
+    If the flight is a single plan, distances take the place of the time of planning.
+    """
     whole, labels = shown_of(scenario, flight, trajectory), _labels(scenario, flight)
     settled, shown = whole.settled(flight), eventful(whole, flight)
     errors = shown.errors(flight)
@@ -147,7 +150,10 @@ def sheet_figure(
 
 
 def eventful(shown: Shown, flight: FormationFlight) -> Shown:
-    """Return a flight until soon after all UAVs are settled; a plan is left whole."""
+    """Return the part of a flight until soon after all UAVs are settled.
+
+    A path that is a plan, or on which they do not settle, is returned whole.
+    """
     settled = None if shown.is_plan else shown.settled(flight)
     return shown if settled is None else shown.until(max(LONGER * settled, SHORTEST_S))
 
@@ -229,7 +235,7 @@ def scene_of(
 def relative_figure(
     scenario: FormationScenario, flight: FormationFlight, shown: Shown
 ) -> "Figure":
-    """Return (b): each relative state of every UAV against time, four panels."""
+    """Return figure (b): each relative state of every UAV against time, four panels."""
     whole, settled = shown, shown.settled(flight)
     shown = eventful(whole, flight)
     off = shown.dense - flight.posed.slots(shown.dense_times)
@@ -301,9 +307,10 @@ def _distances(
 def distances_figure(
     scenario: FormationScenario, flight: FormationFlight, shown: Shown
 ) -> "Figure | None":
-    """Return (c): smallest distance and clearance between the samples, and at them.
+    """Return figure (c): smallest distance of UAVs, and smallest clearance, over time.
 
-    None if there is one UAV and no obstacle.
+    Lines show the whole path, dots the control instants. Returns None if there is one
+    UAV and no obstacle.
     """
     series = _distances(scenario, flight, shown)
     if not series:
@@ -352,7 +359,7 @@ def _draw_distances(
 def terminal_set_figure(
     scenario: FormationScenario, flight: FormationFlight, shown: Shown
 ) -> "Figure":
-    """Return (d): e'Pe with the terminal set's level, and the UAVs' paths into it."""
+    """Return figure (d): e'Pe, the terminal set's level, and the paths into the set."""
     terminal_set = flight.posed.terminal_set
     figure = new_figure((11.0, 8.0))
     first, *planes = figure.subplots(2, 2).ravel()

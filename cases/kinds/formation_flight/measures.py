@@ -42,7 +42,7 @@ OF_TERMINAL_SET = (
 def measure(
     scenario: FormationScenario, flight: FormationFlight, trajectory: Trajectory
 ) -> Mapping[str, Measure]:
-    """Return all measures of MEASURES by name, null if one is not defined."""
+    """Return all measures of MEASURES by name, with None for undefined ones."""
     measures: dict[str, Measure] = {
         **_tracking(scenario, flight, trajectory),
         **_distances(scenario, flight, trajectory),
@@ -60,10 +60,10 @@ def whole_run(
     trajectory: Trajectory,
     measures: Mapping[str, Measure],
 ) -> WholeRun:
-    """Return the closed-loop cost, and the largest shortfall of a distance.
+    """Return the closed-loop cost, and the largest missing part of a distance.
 
-    The shortfall is relative to the safe distance of two UAVs, or to the radius of an
-    obstacle.
+    Between two UAVs the missing part is relative to the safe distance, at an obstacle
+    to the radius of the obstacle.
     """
     del flight, trajectory
     safe = scenario.avoidance.safe_distance_m
@@ -96,7 +96,7 @@ def lyapunov(posed: PosedFormation, trajectory: Trajectory) -> Array:
 
 
 def linear_mask(trajectory: Trajectory) -> NDArray[np.bool_]:
-    """Return which steps were flown under the linear law, shape (T,)."""
+    """Return for each step whether the linear law was in use, shape (T,)."""
     return np.array([d.mode is Mode.LINEAR for d in trajectory.decisions])
 
 

@@ -35,7 +35,7 @@ from swarmstart.terminal_set import Reference, TerminalSet, certificate_text
 
 
 class NoTerminalSetError(SwarmstartError):
-    """A formation has no terminal set."""
+    """A formation has no terminal set, since its dual mode is off."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

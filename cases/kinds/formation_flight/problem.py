@@ -67,7 +67,11 @@ SEED = 0
 def planning_problem(
     scenario: FormationScenario, model: Model, terminal_cost: Array, *, others: int
 ) -> OptimalControlProblem:
-    """Return a UAV's planning problem; signals: its slot, then others' positions."""
+    """Return the planning problem of a UAV.
+
+    Its signals are the states of the UAV's slot, then the position of each of the
+    `others`, the UAVs that have planned before.
+    """
     signals = ca.vertcat(ca.SX.sym("slot", 4), ca.SX.sym("others", 2 * others))
     # Its own slot, then two rows for each UAV that has planned before it.
     error = model.states - signals[:4]
@@ -288,8 +292,8 @@ def terminal_set_as_printed(
 
     Returns:
         K of the continuous Riccati equation, P as given, alpha of (5.14) as printed.
-        Its law can exceed the input bounds in the set, and can be unstable when held
-        (`held_spectral_radius`).
+        In this set the linear law can exceed the input bounds. It can also be unstable
+        if the control is held over a step (`held_spectral_radius`).
 
     Raises:
         SwarmstartError: As in `linearise`, `continuous_lqr` and `level_as_printed`.

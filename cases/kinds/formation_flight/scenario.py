@@ -124,15 +124,15 @@ class TerminalCost(Part):
     Attributes:
         design: Origin of P: the Riccati equation of the sampled system with Q and R, or
             the key `P`.
-        P: Symmetric, positive definite matrix of 4 x 4 numbers, required if the design
-            is given, and else ignored.
+        P: Symmetric, positive definite matrix of 4 x 4 numbers, required if `design` is
+            `given`, else ignored.
     """
 
     design: Literal["riccati", "given"]
     P: Matrix | None = None
 
     def flaws(self) -> Iterator[LocatedFlaw]:
-        """Yield the errors of the scenario."""
+        """Yield an error if `design` needs P, and P is missing or invalid."""
         yield from _matrix_flaws(self.design == "given", self.P)
 
 
@@ -174,10 +174,11 @@ class DualModePart(Part):
         Q: Weights of the squared error of v, psi, x and y in this design, four numbers
             of at least 0.
         R: Weights of the squared controls in this design, two numbers above 0.
-        P: Symmetric, positive definite matrix of 4 x 4 numbers, required if the design
-            is literal, and else ignored.
-        certify: Proof of the terminal set: true takes the largest level that is proven
-            and refuses a law without one, false takes the level that the bounds give.
+        P: Symmetric, positive definite matrix of 4 x 4 numbers, required if `design` is
+            `literal`, else ignored.
+        certify: Proof of the terminal set: true takes the largest level that is proven,
+            and refuses a law for which no level is proven; false takes the level that
+            the bounds give.
     """
 
     enabled: bool
@@ -193,7 +194,7 @@ class DualModePart(Part):
         return self.enabled and self.certify and self.design == "sampled"
 
     def flaws(self) -> Iterator[LocatedFlaw]:
-        """Yield the errors of the scenario."""
+        """Yield an error if `design` needs P, and P is missing or invalid."""
         yield from _matrix_flaws(self.design == "literal", self.P)
 
 

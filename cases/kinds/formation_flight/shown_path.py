@@ -28,7 +28,7 @@ class Shown:
         states: States of each UAV at `times`, shape (uavs, 4, T + 1).
         controls: Controls held from each of `times` to the next, UAV after UAV, shape
             (uavs * 2, T).
-        linear: Whether the linear law flew each step, shape (T,).
+        linear: Whether the linear law was in use in each step, shape (T,).
         is_plan: Whether the path is that of a plan, and not that of a flight.
     """
 
@@ -105,7 +105,7 @@ def shown_of(
 def planned_paths(
     scenario: FormationScenario, flight: FormationFlight, trajectory: Trajectory
 ) -> tuple[Array, Array]:
-    """Return where the plans of the first step lead, if flown to their end.
+    """Return the paths of the UAVs if they follow their first plans to the end.
 
     Returns:
         Times, shape (n,) [s], and the states of each UAV, shape (uavs, 4, n).

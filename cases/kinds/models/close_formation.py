@@ -120,12 +120,13 @@ def close_formation(
     Args:
         wingman: The aircraft, its lags and its slot.
         variant: "corrected", or "literal": as printed.
-        kinematics: Whether the rotation terms use the slot or the state.
-        aerodynamics: Whether the wake is linear about the slot or the vortex itself;
-            "vortex" is for "corrected" only, and "none" means no wake.
+        kinematics: Position in the rotation terms: "fixed" takes that of the slot,
+            "exact" that of the state.
+        aerodynamics: Effect of the wake: "linear" about the slot, "vortex" for the
+            vortex itself, which needs the variant "corrected", or "none".
         heading_from: Direction from which the heading command is counted.
-        gusts: Whether w_x, w_y, w_z [ft/s], added to the rate of the relative position,
-            are three more parameters: for a plant.
+        gusts: Whether the model has three more parameters, the gusts w_x, w_y and w_z
+            [ft/s], which are added to the rate of the relative position; for a plant.
 
     Raises:
         InvalidProblemError: If a choice is unknown, or literal is combined with vortex.

@@ -186,9 +186,10 @@ class Increments(NamedTuple, Generic[Scalar]):
 
 
 class Derivatives(NamedTuple, Generic[Scalar]):
-    """Derivatives of the increments by lateral distance y and height z [1/ft].
+    """Derivatives of what the wake adds to the wingman's coefficients [1/ft].
 
-    C_Ly is d(dC_L)/dy, and so on.
+    C_Ly is the derivative of dC_L, the addition to the lift coefficient, with respect
+    to the lateral distance y, and so on; z is the height.
     """
 
     C_Ly: Scalar
@@ -258,8 +259,10 @@ def increments(aircraft: Aircraft, y_ft: Scalar, z_ft: Scalar) -> Increments[Sca
 def derivatives(aircraft: Aircraft, y_ft: Scalar, z_ft: Scalar) -> Derivatives[Scalar]:
     """Return the derivatives of the increments at a position, in closed form.
 
-    With s, G, bp and h as in the module's docstring, and A = y - bp/2, B = y + bp/2,
-    the derivatives of W/V and S/V, here written W and S, are
+    They are multiples (see `increments`) of the derivatives of the upwash W/V and of
+    the sidewash S/V, here written W and S. Let G be the circulation divided by the
+    speed, bp the distance of the trailing vortices, h the height of the fin, M the
+    squared core radius, s(d, e) = d^2 + e^2 + M, A = y - bp/2 and B = y + bp/2. Then
 
         dW/dy = G/(2 pi bp) [2 y/s(y, z) - (y - bp)/s(y - bp, z)
                              - (y + bp)/s(y + bp, z)]

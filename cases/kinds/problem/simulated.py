@@ -1,7 +1,7 @@
 """An external simulator as the plant of a problem: what it needs, how it is loaded.
 
-A file of others is loaded only when a simulation begins, and only if it still has the
-hash that it had when the scenario was read.
+A file with foreign code is loaded only when a simulation begins, and only if it still
+has the hash that it had when the scenario was read.
 """
 
 from __future__ import annotations

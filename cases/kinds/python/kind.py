@@ -42,7 +42,7 @@ def flaws(scenario: PythonScenario) -> Iterator[LocatedFlaw]:
 def measure(
     scenario: PythonScenario, flight: Flight[Posed], trajectory: Trajectory
 ) -> Mapping[str, Measure]:
-    """Return all measures by name, null if one is not defined."""
+    """Return all measures by name, with None for undefined ones."""
     problem = flight.posed.agents[0].problem
     times, states, controls = rows_of(flight, trajectory)
     rows = (times, *states, *controls)

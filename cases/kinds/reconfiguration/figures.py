@@ -69,7 +69,7 @@ def sheet_figure(
     flight: ReconfigurationFlight,
     trajectory: Trajectory,
 ) -> "Figure":
-    """Return (a): tracks, distances from the slots, controls, and planning."""
+    """Return figure (a): tracks, distances from the slots, controls, and planning."""
     labels = _labels(flight)
     leader = scenario.leader_index
     off = errors_of(scenario, flight, trajectory.dense_states)
@@ -149,10 +149,10 @@ def _controls(
 
 
 def evolution_figure(trajectory: Trajectory) -> "Figure":
-    """Return (b): J of each plan, and of the search's best point in each horizon.
+    """Return figure (b): J of each plan, and of the best point during each search.
 
-    While that point breaks limits, its cost is dashed.
-    If each UAV plans alone, the costs of all are added; a search that has ended counts
+    The line of the best point is dashed as long as this point breaks limits. If each
+    UAV plans alone, the costs of all UAVs are added; a search that has ended counts
     with its last cost.
     """
     histories = [
@@ -207,7 +207,7 @@ def pairs_figure(
     flight: ReconfigurationFlight,
     trajectory: Trajectory,
 ) -> "Figure":
-    """Return (c): the distance of every pair; of many pairs only the extremes."""
+    """Return figure (c): the distance of every pair, or the extremes of many pairs."""
     pairs = pair_distances(trajectory.dense_states, len(flight.posed.slots))
     limits = {
         "safe": scenario.distances.safe_m,

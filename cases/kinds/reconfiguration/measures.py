@@ -62,7 +62,7 @@ def measure(
     flight: ReconfigurationFlight,
     trajectory: Trajectory,
 ) -> Mapping[str, Measure]:
-    """Return all measures of MEASURES by name, null if one is not defined."""
+    """Return all measures of MEASURES by name, with None for undefined ones."""
     plans = [plan for decision in trajectory.decisions for plan in decision.plans]
     measures: dict[str, Measure] = {
         **_shape(scenario, flight, trajectory),

@@ -180,7 +180,7 @@ def links_of(
 def priority_team(
     scenario: ReconfigurationScenario, slots: Array, order: Sequence[int]
 ) -> tuple[tuple[PosedAgent, ...], Nearby]:
-    """Return the UAVs as agents, and the problems for each number of UAVs in range.
+    """Return the UAVs as agents, and the problems for 4, 8, ... other UAVs in range.
 
     Args:
         scenario: The scenario, with `planning: priority`.

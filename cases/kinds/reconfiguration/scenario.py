@@ -58,7 +58,7 @@ class Vehicle(Part):
     speed_m_s: Range | None = None
 
     def flaws(self) -> Iterator[LocatedFlaw]:
-        """Yield the errors of the scenario."""
+        """Yield errors of the bounds of bank and speed."""
         yield from bank_flaws(self.turn, self.bank_rad)
         if self.speed_m_s is not None:
             yield from speed_limit_flaws(self.speed_m_s)
@@ -123,7 +123,7 @@ class Planning(Part):
     links: int = Field(default=1, ge=1, le=8)
 
     def flaws(self) -> Iterator[LocatedFlaw]:
-        """Yield the errors of the scenario."""
+        """Yield an error if `range_m` is missing with priority."""
         if self.name == "priority" and self.range_m is None:
             yield (), "expected the key range_m with priority"
 

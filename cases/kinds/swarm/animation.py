@@ -119,7 +119,7 @@ class SwarmFilm(Filmed):
         )
 
     def show(self, frame: int, note: str = "") -> None:
-        """Move everything to its place in a frame."""
+        """Show the vehicles, plans, links and obstacles at the time of a frame."""
         del note
         now, places = float(self._times[frame]), self._places[:, :2, frame]
         swarm = self._flight.swarm

@@ -310,7 +310,7 @@ def random_places(
     Args:
         cube: The cube.
         scale: Factors of the axes in distances, shape (3,).
-        distance: Least scaled distance of two places; a little more is kept.
+        distance: Least scaled distance of two places; the places keep a little more.
         balls: Centre, shape (3,) [m], and scaled clearance of each obstacle.
 
     Raises:

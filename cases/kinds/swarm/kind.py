@@ -39,7 +39,7 @@ def positions_of(trajectory: Trajectory) -> Array:
 def measure(
     scenario: SwarmScenario, flight: SwarmRun, trajectory: Trajectory
 ) -> Mapping[str, Measure]:
-    """Return all measures of MEASURES by name, null if one is not defined."""
+    """Return all measures of MEASURES by name, with None for undefined ones."""
     controller, plans = flight.posed.controller, flight_of(trajectory)
     swarm = controller.swarm
     path = positions_of(trajectory)
@@ -128,10 +128,10 @@ def whole_run(
     trajectory: Trajectory,
     measures: Mapping[str, Measure],
 ) -> WholeRun:
-    """Return the mean time of arrival, and the missing part of the distance.
+    """Return the mean time of arrival, and the excess over what is required.
 
-    The missing part is relative to the safe distance. The share of vehicles that do not
-    arrive takes its place if it is larger.
+    The excess is the missing part of the safe distance, relative to this distance, or,
+    if it is larger, the share of vehicles that do not arrive.
     """
     del flight, trajectory
     cost, near = measures["mean_arrival_time_s"], measures["min_distance_m"]

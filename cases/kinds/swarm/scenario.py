@@ -63,7 +63,7 @@ class Vehicle(Part):
     Attributes:
         acceleration_m_s2: Largest acceleration along each axis [m/s^2].
         speed_m_s: Largest speed along each axis [m/s]; 0 means that plans keep the
-            coordinate.
+            coordinate constant.
         turn_rate_rad_s: Largest turn rate of vehicles that move in the plane along
             their heading [rad/s]; the bounds along x are then those of the magnitudes
             of acceleration and velocity; null means no limit of the turn rate.
@@ -95,7 +95,7 @@ class Ball(Part):
     Attributes:
         radius_m: Radius of the ball [m].
         place_m: Centre of a ball that stands: x, y, z [m]; null means that it moves.
-        path: Places and times between which it moves at constant speed.
+        path: Places and times between which the ball moves at constant speed.
     """
 
     radius_m: Positive
@@ -171,9 +171,9 @@ class SwarmScenario(Scenario):
         vehicle: Bounds of each vehicle.
         obstacles: Balls that stand, or move on known paths.
         links: Links between the vehicles.
-        rule: Rule by which a vehicle commits to a plan: when all others that may still
-            change theirs have accepted it, after a wait in which nothing is heard, or
-            at once.
+        rule: Rule by which a vehicle commits to a plan: when the plan is accepted by
+            all others that may still change their own plans, after a wait in which
+            nothing is heard, or at once.
         planning: Search of each vehicle for plans.
         plant: The simulated vehicles.
     """

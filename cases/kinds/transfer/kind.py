@@ -22,7 +22,7 @@ from swarmstart.ocp import PolishStatus, Trajectory, interpolate
 def measure(
     scenario: TransferScenario, flight: TransferFlight, trajectory: Trajectory
 ) -> Mapping[str, Measure]:
-    """Return all measures of MEASURES by name, null if one is not defined."""
+    """Return all measures of MEASURES by name, with None for undefined ones."""
     plan = trajectory.decisions[0].plans[0]
     solution = flight.answer(trajectory)
     uavs = len(flight.posed.goals)

@@ -180,10 +180,10 @@ def flat_paths(
         problem: Problem of all UAVs, states and controls UAV after UAV.
         goals: Goal of each UAV, shape (uavs, 2) [m].
         turn: As in `bank_to_turn`.
-        lateral: Factor l of the module's docstring: the bump to the side for c_1 = 1,
-            divided by the straight distance to the goal.
-        along: Factor m of the module's docstring: the bump along the straight line for
-            c_3 = 1, likewise.
+        lateral: Bump of a path to the side if the first coefficient is 1, divided by
+            the straight distance to the goal.
+        along: Bump of a path along the straight line to the goal if the third
+            coefficient is 1, divided by the same distance.
     """
     uavs = len(goals)
     c, x0 = ca.SX.sym("c", COEFFICIENTS * uavs), ca.SX.sym("x0", NX * uavs)
@@ -215,6 +215,9 @@ def flat_path(
     duration: float, *, turn: Turn, lateral: float, along: float
 ) -> ca.Function:
     """Return a function: (c (3,), x0 (4,), goal (2,), t) -> state (4,) and (a, phi).
+
+    It gives a point of the path of one UAV: c are the coefficients of the path, x0 is
+    the initial state, t the time, a the acceleration and phi the bank angle.
 
     Args:
         duration: Duration T of the transfer [s].

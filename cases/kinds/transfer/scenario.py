@@ -48,7 +48,7 @@ class Vehicle(Part):
     turn: Literal["sin", "tan"] = "tan"
 
     def flaws(self) -> Iterator[LocatedFlaw]:
-        """Yield the errors of the scenario."""
+        """Yield errors of the bounds of bank and speed."""
         yield from bank_flaws(self.turn, self.bank_rad)
         yield from speed_limit_flaws(self.speed_m_s)
 

@@ -247,8 +247,8 @@ def served_by_library(
     Args:
         ir: Writer of the function's body.
         function: Name of the function in the C library.
-        method: Function (ir, arguments) -> value, and the mask of the lanes in which
-            the value is right.
+        method: Function (ir, arguments) -> (value, mask of the lanes in which the value
+            is right).
         arguments: Arguments of the function.
     """
     value, served = method(ir, *arguments)

@@ -246,7 +246,7 @@ class VectorIR:
         return self.emit(f"{instruction} {self.mask} {a}, {b}")
 
     def flag(self, mask: str) -> str:
-        """Return 1.0 if the mask is set, 0.0 elsewhere."""
+        """Return 1.0 in the lanes in which the mask is set, 0.0 in the others."""
         return self.select(mask, self.constant(1.0), self.constant(0.0))
 
     def bits(self, a: str) -> str:

@@ -54,8 +54,10 @@ _APART = 32.0
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class DualVertices:
-    """The vertices y of the duals of some directions q, with n entries each.
+    """The vertices y of the dual programs of some directions q, with n entries each.
 
+    The dual program of q is min {y's : D'y = q, y >= 0}; its value is the maximum of
+    q'x over {x : D x <= s}. Over a face of this polytope, one entry may be negative.
     See the module's docstring.
 
     Attributes:
@@ -194,10 +196,10 @@ class Template:
         return float(np.abs(levels[..., : 2 * self.n]).max())
 
     def tightened(self, levels: Array) -> Array:
-        """Return levels of the same polytope whose faces nearly touch it.
+        """Return lower levels of the same polytope, at which all faces nearly touch it.
 
-        The faces keep a distance that `_are_outside` can detect: a face on a state's
-        bound would have to rise unless it is certainly beyond the bound.
+        A small distance is left, so that `_are_outside` finds a face beyond the bound
+        of a state to be outside; a face on the bound itself would have to rise.
         """
         reach = self.reach(levels)
         bounds = self.support.upper(self.levels(levels), reach)
@@ -255,7 +257,10 @@ def rates_at_faces(
     levels: Array,
     cells: int,
 ) -> Array:
-    """Return upper bounds of d_k f over each face of a moving polytope and all u.
+    """Return upper bounds of the outward rates at the faces of a moving polytope.
+
+    The rate at face k is d_k f(t, x, u), with d_k its outward direction; the bound
+    holds over the whole face, the slab of time, and all controls u.
 
     Args:
         motion: The right-hand side f.

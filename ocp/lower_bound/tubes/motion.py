@@ -165,7 +165,9 @@ def _control_boxes(statement: Statement) -> Array:
 
 
 def rates_over(motion: Motion, cells: Cells) -> Array:
-    """Return upper bounds of d'f over cells and all u, infinite without one.
+    """Return upper bounds of d'f(t, x, u) over cells, which include all controls u.
+
+    The bound of a cell is infinite if none is known; d is the direction of the cell.
 
     Args:
         motion: The right-hand side f.
@@ -319,7 +321,7 @@ def _products(frames: Array, low: Array, high: Array) -> tuple[Array, Array]:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Terms:
-    """A function as weighted sums.
+    """A function of y as weighted sums A w(y) of terms w.
 
     Attributes:
         symbols: y, shape (inputs, 1).

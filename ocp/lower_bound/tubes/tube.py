@@ -207,7 +207,13 @@ class _March:
     most_excess: float
 
     def rates(self, times: tuple[float, float], start: Array, stop: Array) -> Array:
-        """Return the bounds of all r_k in a slab whose levels go from start to stop."""
+        """Return upper bounds of the outward rate at each face over a slab of time.
+
+        Args:
+            times: Beginning and end of the slab.
+            start: Level of each face at the beginning, shape (K,).
+            stop: Level of each face at the end, shape (K,).
+        """
         return rates_at_faces(
             self.motion,
             self.template,

@@ -92,7 +92,7 @@ def mark_outside(
         levels: Levels of the faces at these times, shape (M + 1, K).
         directions: Directions, shape (K, n).
         boxes: Lower and upper corners, shape (2, 1 + n, m).
-        marks: Filled with the answers, shape (m,).
+        marks: Set to True for these boxes and to False for all others, shape (m,).
     """
     last = times.size - 2
     for box in range(boxes.shape[2]):

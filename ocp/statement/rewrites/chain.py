@@ -58,7 +58,7 @@ class _Link:
 
     @property
     def places(self) -> list[int]:
-        """Numbers of the states that the rewrite appended."""
+        """Indices of the states that the rewrite appended."""
         return list(range(self.before.model.nx, self.after.model.nx))
 
     def along(self, x0: Array, controls: Array, at: Array) -> Array:
@@ -115,16 +115,16 @@ class Lowered:
 
     @property
     def known_parameters(self) -> list[int]:
-        """Numbers of the model's parameters that are not decided."""
+        """Indices of the model's parameters that are not decided."""
         names = symbol_names(self.stated.model.parameters)
         return [i for i, name in enumerate(names) if name not in self.stated.decided]
 
     @cached_property
     def places(self) -> dict[str, list[int]]:
-        """Numbers of the core's states, by the role of the rewrite that appended them.
+        """Indices of the core's states, by the role of the rewrite that appended them.
 
-        "states" are the states of the stated problem. A free end time is not among the
-        "decided" parameters, but has a place of its own.
+        The entry "states" has the states of the stated problem. A free end time is not
+        in the entry "decided" of the decided parameters, but has an entry of its own.
         """
         roles = [END_TIME, *[rewrite.role for rewrite in REWRITES]]
         found: dict[str, list[int]] = {role: [] for role in ("states", *roles)}
@@ -203,8 +203,8 @@ class Lowered:
 
         Args:
             x0: Initial state of the core; copied.
-            guesses: Guesses by the name of the core's state, as the problem states it,
-                with nothing subtracted; other names are ignored.
+            guesses: Name of a decided state of the core -> its guess, as the user
+                states it, with nothing subtracted. Other names are ignored.
         """
         state, names = x0.copy(), self.core.model.state_names
         for one in self.core.free_starts:
@@ -251,14 +251,14 @@ class Lowered:
         return controls
 
     def acting(self, controls: Array, x0: Array) -> Array | None:
-        """Return the controls that the model's equations receive; None: the same ones.
+        """Return the controls that the model's equations receive, such as delayed ones.
 
         Args:
             controls: Controls of the rewritten problem (core), shape (nu, N).
             x0: Initial state of the core.
 
         Returns:
-            Shape (nu, N).
+            Shape (nu, N); None if the equations receive `controls` themselves.
         """
         if all(type(link.rewrite).acting is Rewrite.acting for link in self.links):
             return None
@@ -282,7 +282,7 @@ class Lowered:
         return np.vstack([np.empty((0, at.size)), *rows])
 
     def signalled(self, states: Array, signals: Array, at: Array) -> Array:
-        """Return states of the core, with the values of those that follow from signals.
+        """Return states of the core in which those that follow from signals are set.
 
         Args:
             states: Shape (the core's nx, n); not changed.
@@ -316,11 +316,15 @@ class Lowered:
         return found
 
     def after(self, start: Array, x0: Array, controls: Array) -> Array:
-        """Return an initial state that remembers the first interval of a plan.
+        """Return the initial state of the next plan, one interval after a plan's start.
+
+        States that remember controls, such as the previous ones, get the values that
+        the plan gives them after its first interval.
 
         Args:
-            start: Initial state of the core, without memory; copied.
-            x0: Initial state of the core of the plan.
+            start: Initial state of the core for the next plan, in which these states
+                are not set yet; copied.
+            x0: Initial state of the core from which the plan was made.
             controls: Controls of the plan, shape (nu, N).
         """
         found, end = start.copy(), np.ones(1)
@@ -339,9 +343,9 @@ class Lowered:
 
         Args:
             parameters: Values of the parameters that are not decided, in the model's
-                order; those of the core are returned unchanged.
+                order; or the parameters of the core, which are returned unchanged.
             signals: Signals of the stated problem at the nodes.
-            time: At the start of the horizon [s].
+            time: Time at the start of the horizon [s].
 
         Raises:
             InvalidProblemError: If the shape of the signals is not the problem's.

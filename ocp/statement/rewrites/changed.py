@@ -66,7 +66,8 @@ def with_states(
     Args:
         problem: The problem before.
         appended: The states.
-        equations: Further fields of the model to change, without the new states.
+        equations: Further fields of the model to change; an "ode" or "next_state"
+            has the rows of the old states only.
         changes: Further fields of the problem to change.
     """
     given = {**{role: getattr(problem.model, role) for role in _KEPT}, **equations}
@@ -94,7 +95,10 @@ def with_states(
 
 
 def with_equations(model: Model, **changes: Any) -> Model:
-    """Return a model with other equations, in SX, with algebraic ones solved."""
+    """Return a model with some fields changed, such as its equations.
+
+    It is in SX symbols, and its algebraic equations are solved already.
+    """
     return Model(**({role: getattr(model, role) for role in _KEPT} | changes))
 
 
@@ -157,7 +161,8 @@ def signal_rows(problem: OptimalControlProblem, signals: ArrayLike) -> Array:
     """Return the signals at the nodes, shape (ns, nodes).
 
     Raises:
-        InvalidProblemError: If the shape is not the problem's, with the signals' names.
+        InvalidProblemError: If the shape is not the problem's; the message has the
+            signals' names.
     """
     given, shape = numbers_of("signals", signals), (problem.ns, problem.nodes)
     # A user without signals gives ().
@@ -170,7 +175,7 @@ def with_parameters(
 ) -> Array:
     """Return the known parameters of a problem with those that a rewrite appends.
 
-    Parameters of the core, of which there are more, are returned unchanged.
+    Parameters of the core are returned unchanged; their larger number tells them apart.
 
     Args:
         problem: Problem before the rewrite.
@@ -183,7 +188,15 @@ def with_parameters(
 
 
 def meaning_of_known(problem: OptimalControlProblem, role: str) -> str:
-    """Return what the values of a role in a Known are; empty if there are none."""
+    """Return a text for messages: the argument of `Known` that a role's values are.
+
+    Args:
+        problem: The problem.
+        role: "parameters" or "signals".
+
+    Returns:
+        The text with the names of the values; empty if the problem has none.
+    """
     names = ", ".join(symbol_names(problem.symbols()[role]))
     if not names:
         return ""

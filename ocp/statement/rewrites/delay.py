@@ -48,8 +48,9 @@ class TransportDelay(Rewrite):
             problem's intervals.
 
     Raises:
-        InvalidProblemError: If a delay is negative or not finite; when a problem has
-            this feature, as in `require`, with the nearest delays that are possible.
+        InvalidProblemError: If a delay is negative or not finite. A problem that is
+            stated with this feature also raises the errors of `require`; if a delay is
+            not a whole number of intervals, the message has the nearest that are.
 
     Example:
         >>> import casadi as ca
@@ -104,9 +105,10 @@ class TransportDelay(Rewrite):
         """Raise if the delays do not go with a problem.
 
         Raises:
-            InvalidProblemError: If a name is unknown, a delay no whole number of
-                intervals shorter than the horizon, the end time free, the controls
-                linear, or algebraic equations depend on a delayed one.
+            InvalidProblemError: If a name is unknown; if a delay is not a whole number
+                of intervals, or not shorter than the horizon; if the end time is free
+                or the controls are linear; or if algebraic equations depend on a
+                delayed control.
         """
         if problem.has_knots:
             raise InvalidProblemError(
@@ -127,7 +129,7 @@ class TransportDelay(Rewrite):
         return any(count for _, count in self._intervals(problem))
 
     def apply(self, problem: OptimalControlProblem) -> OptimalControlProblem:
-        """Return the problem with the controls on their way as states."""
+        """Return the problem with the controls of the last intervals as states."""
         model = problem.model
         now, states, after, late = ca.vertsplit(model.controls), [], [], []
         for j, count in self._intervals(problem):
@@ -155,7 +157,7 @@ class TransportDelay(Rewrite):
     def along(
         self, problem: OptimalControlProblem, start: Array, controls: Array, at: Array
     ) -> Array:
-        """Return the states w_i in the intervals numbered `at`: the controls before."""
+        """Return the states w_i at times `at`: the controls of i intervals earlier."""
         found, place, rows = self._sent(problem, start, controls), at.astype(int), []
         for (_, count), sent in zip(self._intervals(problem), found, strict=True):
             rows += [sent[count - i + place] for i in range(1, count + 1)]

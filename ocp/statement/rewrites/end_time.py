@@ -24,12 +24,12 @@ GIVEN_LENGTH = "length given with the plan"
 
 
 class Length(NamedTuple):
-    """Length of a horizon, and the problem's parameters, to which a free one adds one.
+    """Length of a horizon, and a problem's parameters; a free length is one of them.
 
     Attributes:
         seconds: The length [s], an expression.
-        parameters: The model's parameters, that for a free length included.
-        decided: The decided parameters by name, that for a free length included.
+        parameters: The model's parameters and, if the length is free, the length.
+        decided: The decided parameters by name and, if it is free, the length.
     """
 
     seconds: ca.SX

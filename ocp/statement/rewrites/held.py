@@ -5,7 +5,8 @@
 Other signals are linear between the nodes, so that a jump of a price or of a limit
 would become a ramp. The parameter s_0 is the value at the start of the horizon, and the
 state h jumps at the ends of intervals. A constraint on states is thus checked with the
-values before and after the jump, and one on controls with the value that they met.
+values before and after the jump. A constraint on the controls of an interval is checked
+with the value that holds in that interval.
 """
 
 from collections.abc import Sequence
@@ -41,18 +42,18 @@ def held_signals(problem: OptimalControlProblem) -> set[str]:
 class HeldSignals(Rewrite):
     """Signals that jump, such as a tariff: constant within each control interval.
 
-    The value at the start of an interval holds until the next interval, and the last
-    value at the end of the horizon; values at checks within an interval are not used.
-    A model in discrete time takes the values at the nodes, as without this feature. If
-    the end time is free, all signals stretch with the horizon. A plan of
-    `RecedingHorizon(until=...)` has no feature.
+    The value at the start of an interval holds until the next interval begins. At the
+    end of the horizon the signal jumps to its last value. Values at checks within an
+    interval are not used. A model in discrete time takes the values at the nodes, as
+    without this feature. If the end time is free, all signals stretch with the horizon.
+    `RecedingHorizon(until=...)` refuses a problem with this feature.
 
     Attributes:
         names: Names of the signals.
 
     Raises:
-        InvalidProblemError: If `names` is no list of different names; when a problem
-            has this feature, as in `require`.
+        InvalidProblemError: If `names` is not a list of different names. A problem that
+            is stated with this feature also raises the errors of `require`.
 
     Example:
         >>> import casadi as ca
@@ -110,7 +111,7 @@ class HeldSignals(Rewrite):
         return bool(self.names) and not problem.model.is_discrete
 
     def apply(self, problem: OptimalControlProblem) -> OptimalControlProblem:
-        """Return the problem with the values within an interval as states."""
+        """Return the problem in which states hold the signals within an interval."""
         model, rows = problem.model, self._rows(problem)
         signals = ca.vertcat(*[problem.signals[row] for row in rows])
         states, first = (
@@ -135,14 +136,14 @@ class HeldSignals(Rewrite):
     def start(
         self, problem: OptimalControlProblem, x0: Array, previous: ArrayLike | None
     ) -> Array:
-        """Return zeros: the states count from the values at the start."""
+        """Return zeros: the states are the signals less their values at the start."""
         del problem, x0, previous
         return np.zeros(len(self.names))
 
     def signalled(
         self, problem: OptimalControlProblem, signals: Array, at: Array
     ) -> Array:
-        """Return the signals at the starts of intervals, less those at the start."""
+        """Return the signals at each interval's start, less those at the horizon's."""
         rows = signals[self._rows(problem)]
         begun = np.minimum(at.astype(int), problem.intervals)
         return np.asarray(rows[:, begun * problem.checks] - rows[:, :1])

@@ -80,7 +80,9 @@ class LinearControls(Rewrite):
     def start(
         self, problem: OptimalControlProblem, x0: Array, previous: ArrayLike | None
     ) -> Array:
-        """Return the first knots, for both states; a guess in bounds for decided knots.
+        """Return the initial values of both kinds of states: the first knots, twice.
+
+        If the first knots are decided, they are a guess within the bounds.
 
         Raises:
             InvalidProblemError: If given knots are not within the bounds.
@@ -102,7 +104,7 @@ class LinearControls(Rewrite):
     def along(
         self, problem: OptimalControlProblem, start: Array, controls: Array, at: Array
     ) -> Array:
-        """Return rows: the controls at each time, then the last knots until then."""
+        """Return the controls at each time, and below them the knots last passed."""
         del problem
         knots, N = self.controls(start, controls), controls.shape[1]
         now = [np.interp(at, np.arange(N + 1), row) for row in knots]

@@ -34,12 +34,15 @@ from swarmstart.ocp.statement.problem import OptimalControlProblem
 
 
 class Rewrite(Feature, ABC):
-    """A map from a problem to a simpler one; `problem` is always the one before.
+    """A map from a problem to a simpler one.
+
+    In all methods `problem` is the problem before the rewrite.
 
     Attributes:
         role: Name of the appended states in `Lowered.places`.
-        is_remembered: Whether its states at the end of an interval are those at the
-            start of the next plan, in receding horizon.
+        is_remembered: Whether the appended states remember something from plan to plan
+            in receding horizon: the next plan begins with their values after the first
+            interval of the last plan.
     """
 
     role: ClassVar[str]
@@ -116,7 +119,7 @@ class Rewrite(Feature, ABC):
         signals: ArrayLike,
         time: float,
     ) -> tuple[ArrayLike, ArrayLike, float]:
-        """Return known parameters, signals at the nodes and time, as rewritten."""
+        """Return known parameters, signals and time for the rewritten problem."""
         del problem
         return parameters, signals, time
 

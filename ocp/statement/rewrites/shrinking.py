@@ -27,11 +27,10 @@ class Shrinking(Rewrite):
     role = END_TIME
 
     def accepts(self, problem: OptimalControlProblem) -> bool:
-        """Return whether the horizon is fixed; raise if its length is needed.
+        """Return True; raise if the end time is free.
 
         Raises:
-            InvalidProblemError: If the end time is free, the model is in discrete time,
-                or a control has a delay.
+            InvalidProblemError: If the end time is free.
         """
         if isinstance(problem.horizon, Free):
             raise InvalidProblemError(
@@ -58,6 +57,6 @@ class Shrinking(Rewrite):
     def start(
         self, problem: OptimalControlProblem, x0: Array, previous: ArrayLike | None
     ) -> Array:
-        """Return the whole length; a closed loop sets the remaining length."""
+        """Return the whole horizon; a closed loop replaces it by the remaining time."""
         del x0, previous
         return np.array([problem.length])

@@ -105,9 +105,10 @@ class Certificate:
 
     Attributes:
         problem: The problem that is bounded.
-        directions: Directions of the tube's faces; the first 2n are the axes.
+        directions: Directions d_k of the faces of the tube {x : d_k x <= s_k(t)}; the
+            first 2n are the axes, each in both senses.
         times: Times of the tube, from 0 to the latest end.
-        levels: A row of levels for each time.
+        levels: The levels s_k at these times, a row for each time.
         prunings: Pairs of steps (come, go), in order, which give lower bounds of the
             cost from the start to (t, x) and of the cost from there to the end. Each
             pair removes the points (t, x) at which the sum of the two is above the

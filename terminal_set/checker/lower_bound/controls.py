@@ -43,15 +43,17 @@ class Split:
 
     Attributes:
         nodes: The new tape.
-        boxed: Indices of the controls that are coordinates.
-        free: Indices of the other controls, u_k above.
+        boxed: Indices of the controls that are coordinates of the boxes, as t and x
+            are.
+        free: Indices of the other controls, which are the u_k above.
         drift: Indices of the n values of the drift.
-        columns: For each free control the indices of n values; None stands for 0.
+        columns: For each free control the indices of the n values of its column in f;
+            None stands for 0.
         stage: Index of the value of the stage cost without free controls.
-        linear: For each free control the index of the value of its factor; None stands
-            for 0.
+        linear: For each free control the index of the value of its factor in L; None
+            stands for 0.
         quadratic: q_k >= 0 for each free control.
-        end: Index of the value of phi.
+        end: Index of the value of the terminal cost.
         path: Indices of the values of the path constraints.
         ends: Indices of the values of the end constraints.
         deadline: Time at which every evaluation of the tape stops.
@@ -76,7 +78,9 @@ class Split:
 
 
 def split(problem: Problem, deadline: Deadline = NEVER) -> Split:
-    """Write a problem as polynomials in the controls, as few of them boxed as possible.
+    """Write a problem as polynomials in the controls.
+
+    A control for which this fails becomes a coordinate of the boxes (`Split.boxed`).
 
     Args:
         problem: Problem of the file; its end and constraints depend on no control.

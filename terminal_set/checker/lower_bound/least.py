@@ -61,8 +61,8 @@ class Least:
         at: Models of the values at some admissible controls, which are not below the
             least value.
         pull: Estimate of how much worse the bound is because of the width of the box in
-            each variable, beyond the loss in `below`, shape (d, N); boxes are cut along
-            the largest one.
+            each variable, in addition to the variation of `below`, shape (d, N); a box
+            is cut along the variable of the largest estimate.
     """
 
     below: Model

@@ -140,7 +140,10 @@ class Tube:
         return np.asarray(inside.all(axis=0), dtype=np.bool_)
 
     def holds_exactly(self, x: tuple[float, ...]) -> int | None:
-        """Return the number of a face that a point violates at the start, or None."""
+        """Return the number of a face beyond which x lies at time 0, without rounding.
+
+        None if x lies in the tube at time 0.
+        """
         for k, direction in enumerate(self.directions):
             pairs = zip(direction, x, strict=True)
             value = Fraction()
@@ -183,12 +186,14 @@ def is_cut_off(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pruned:
-    """The condition of a pruning: the points (t, x) that keep it are not removed.
+    """The condition of a pruning, which removes the points (t, x) that violate it.
 
     With the `Step` C for the cost from the start to (t, x), and the `Step` G for the
     cost from there to the end, the condition is
 
-        C(0, x0) - C + G - slack_C t - slack_G (latest - t) - end slack - known <= 0.
+        C(0, x0) - C + G - slack_C t - slack_G (latest - t) - end slack - known <= 0
+
+    with the slacks of the two steps, the latest end time and the known cost.
 
     Attributes:
         come: Step with C.
@@ -239,7 +244,7 @@ class Region:
         certificate: Certificate with the bounds and the horizon.
         split: The problem as polynomials in the controls.
         tube: Tube of the file, which is proven to hold admissible trajectories.
-        stated: Tube in which counterexamples must lie, which is that of the file, too.
+        stated: Tube of the file again, in which counterexamples must lie.
         prunings: The proven prunings.
     """
 
@@ -278,7 +283,8 @@ class Region:
 
         Args:
             boxes: Boxes of the coordinates.
-            variables: The coordinates over them; None means those of the boxes.
+            variables: Models of the coordinates over the boxes; None means those that
+                `boxes.variables()` returns.
             constraints: Indices of further values that must be at most 0.
         """
         used = boxes.variables() if variables is None else variables
@@ -312,7 +318,8 @@ class Region:
 
         Args:
             points: Boxes without width, within the bounds of the states.
-            variables: The coordinates; None means those of the boxes.
+            variables: Models of the coordinates; None means those that
+                `points.variables()` returns.
             constraints: Indices of further values that must be at most 0.
             but: Number of a face of the tube that is ignored.
         """

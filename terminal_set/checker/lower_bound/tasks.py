@@ -68,7 +68,10 @@ class _Hamiltonian:
     def least(
         self, first: Model, weights: Sequence[Value], variables: Sequence[Model]
     ) -> Least:
-        """Return the least over the controls, on boxes of (t, x)."""
+        """Return bounds of the least value over the controls, on boxes of (t, x).
+
+        The value is `first` + the sum of weights_i f_i, with L added if `with_stage`.
+        """
         split, values = self.split, self._program(variables)
         fixed: Value = first
         for weight, number in zip(weights, split.drift, strict=True):
@@ -150,7 +153,8 @@ class EndTask:
 
     Attributes:
         step: Step with V and its end slack.
-        region: The region; the caller cuts its first box to the times of ends.
+        region: The region. The caller must begin with a box that is restricted to the
+            allowed end times.
     """
 
     step: Step
@@ -215,7 +219,7 @@ class FaceTask:
         return int(np.abs(self.region.tube.directions[self.face]).argmax())
 
     def roots(self, slabs: Sequence[int]) -> Boxes:
-        """Return a box for each of some intervals of times."""
+        """Return a box for each interval of times whose number is in `slabs`."""
         one, times = self.region.roots(), self.region.tube.times
         numbers = np.array(slabs, dtype=np.int64)
         lower = np.repeat(one.lower, len(slabs), axis=1)
@@ -323,7 +327,7 @@ class FaceTask:
         )
 
     def refuted(self, points: Boxes) -> Flags:
-        """Return a mask of the points of the file's own tube that violate it."""
+        """Return a mask of the points in the file's tube that break the inequality."""
         stated = self.region.stated
         found = self._least(points, stated).at.upper < 0.0
         if not found.any():

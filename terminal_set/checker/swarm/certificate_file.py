@@ -64,7 +64,7 @@ class Tube:
 
     @property
     def last(self) -> int:
-        """Step of the last sample, at which the vehicle then stays."""
+        """Step of the last sample, near which the vehicle stays from then on."""
         return self.first + len(self.samples) - 1
 
     def at(self, steps: NDArray[np.int64]) -> tuple[Array, Array]:
@@ -85,7 +85,8 @@ class Plan:
         ended: Tick at which the plan was committed to or withdrawn; -1 at the start;
             OPEN if neither has happened.
         committed: Whether the plan was committed to.
-        accepted: Tick at which each vehicle accepted it, or None.
+        accepted: For each vehicle the tick at which it accepted the plan; None if it
+            did not.
     """
 
     vehicle: int

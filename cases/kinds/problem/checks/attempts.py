@@ -51,7 +51,11 @@ _NAMED = (
 
 
 def tried(attempts: Iterable[Attempt]) -> Iterator[LocatedFlaw]:
-    """Yield errors of failing attempts; that of a whole only if no part of it fails."""
+    """Make attempts, and yield the errors of those that fail.
+
+    An attempt is a place in the scenario and a call that raises the error there. If an
+    attempt at a part has failed, that at the whole yields no second error.
+    """
     failed: set[Place] = set()
     for place, attempt in attempts:
         try:
@@ -64,7 +68,7 @@ def tried(attempts: Iterable[Attempt]) -> Iterator[LocatedFlaw]:
 
 
 def constants(scenario: ProblemScenario) -> Iterator[Attempt]:
-    """Yield attempts to evaluate each constant from those before it."""
+    """Yield an attempt for each constant, to evaluate it from those before it."""
     known: dict[str, float] = {}
     for name, text in scenario.constants.items():
         yield ("constants", name), partial(_add, name, text, known)
@@ -81,7 +85,7 @@ def _add(name: str, text: str, known: dict[str, float]) -> None:
 
 
 def quantity(place: Place, text: str, names: Mapping[str, float]) -> Attempt:
-    """Return an attempt to evaluate a number."""
+    """Return a place, and a call that evaluates the number stated there."""
     return place, partial(number, text, names)
 
 
@@ -337,6 +341,12 @@ def _mappings(
 
 
 def unknown(name: str, known: Collection[str], what: str) -> str:
-    """Return the message for an unknown name, with a similar known name."""
+    """Return the message for an unknown name, with a known one that is similar.
+
+    Args:
+        name: The unknown name.
+        known: The known names.
+        what: Role that the name should have, such as "state".
+    """
     hint = meant(name, known, otherwise=f"known: {', '.join(known) or 'none'}")
     return f"expected a {what}, found {name!r}; {hint}"

@@ -210,10 +210,11 @@ def _of_blocks(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
 
 
 def algebraic_flaws(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
-    """Yield errors of equations without a value, or that determine no variables.
+    """Yield errors of algebraic equations and of the use of their variables.
 
-    At the start and the end of the horizon there is no control, so that a variable that
-    depends on a control has no value there.
+    The equations must determine the variables. Costs and constraints at the start or
+    the end of the horizon must not use a variable that depends on a control, since
+    there is no control then.
     """
     if not scenario.algebraic:
         return

@@ -148,7 +148,7 @@ def _not_whole(
 def combination_flaws(
     scenario: ProblemScenario, problem: OptimalControlProblem
 ) -> Iterator[LocatedFlaw]:
-    """Yield errors of parts that planning one by one or a dual mode cannot have."""
+    """Yield errors of parts that do not go with planning one by one or a dual mode."""
     model, vehicles = problem.model, scenario.vehicles
     planning = "joint" if vehicles is None else vehicles.planning
     decides = {
@@ -363,7 +363,15 @@ def decided_flaws(scenario: ProblemScenario) -> Iterator[LocatedFlaw]:
 def search_flaws(
     scenario: ProblemScenario, place: Place, one: Free
 ) -> Iterator[LocatedFlaw]:
-    """Yield errors of missing bounds; a search draws numbers between bounds."""
+    """Yield an error if a decided number lacks a bound that the search needs.
+
+    A search draws the number between its bounds; without a search they may be missing.
+
+    Args:
+        scenario: The scenario.
+        place: Place of the error in the scenario.
+        one: The bounds of the decided number.
+    """
     is_bounded = math.isfinite(one.lower) and math.isfinite(one.upper)
     if scenario.search.name != "none" and not is_bounded:
         yield (
@@ -376,7 +384,10 @@ def search_flaws(
 def bounded_start_flaws(
     scenario: ProblemScenario, name: str, bounds: tuple[float, float], free: Free
 ) -> Iterator[LocatedFlaw]:
-    """Yield errors of decided starts that are always out of the state's bounds."""
+    """Yield an error if no value of a decided start is within the state's bounds.
+
+    The bounds that a search needs must not be missing either.
+    """
     lower, upper = max(bounds[0], free.lower), min(bounds[1], free.upper)
     place: Place = ("states", name, "start")
     if lower > upper:

@@ -71,7 +71,13 @@ def _in_phases(scenario: ProblemScenario, *, stage: Stage) -> Iterator[LocatedFl
 
 
 def place_in_file(scenario: ProblemScenario, number: int, place: Place) -> Place:
-    """Return the place in the file of a place in a phase's scenario."""
+    """Return the place in the file from which a phase's scenario has a part.
+
+    Args:
+        scenario: The scenario of the file, with phases.
+        number: Number of the phase, from 0.
+        place: Place of the part in the phase's own scenario.
+    """
     phase, at = scenario.phases[number], ("phases", number)
     is_last = number == len(scenario.phases) - 1
     match place:

@@ -1,4 +1,4 @@
-"""Errors of an external simulator that does not fit its scenario; none is loaded."""
+"""Errors of a simulator that does not fit its scenario, found without loading it."""
 
 from collections.abc import Iterator, Sequence
 

@@ -1,7 +1,7 @@
 """Uncertain parameters of a problem: one control sequence for several values.
 
-The simulated system has the values that are given to the parameters themselves. Plans
-are made for all members of `uncertain` together.
+The simulated system has the values of the scenario's `parameters`, replaced by those of
+`plant.parameters`. Plans are made for all members of `uncertain` together.
 """
 
 from collections.abc import Iterator, Mapping, Sequence

@@ -33,11 +33,12 @@ def is_decided(problem: OptimalControlProblem) -> bool:
 
 
 def decided_values(problem: OptimalControlProblem, x0: Array) -> dict[str, float]:
-    """Return the numbers that a plan decides besides controls, by their measures.
+    """Return the numbers that a plan decides besides controls, by names of measures.
 
     Args:
         problem: The problem.
-        x0: Initial state of the plan, as the problem from `lowered` has it.
+        x0: Initial state of the plan, in the form that the problem has after all
+            rewrites (`lowered`).
     """
     whole, names = lowered(problem), problem.model.state_names
     found = {
@@ -59,7 +60,10 @@ def decided_values(problem: OptimalControlProblem, x0: Array) -> dict[str, float
 
 
 def decided_measures(scenario: ProblemScenario) -> dict[str, str]:
-    """Return measures of decided and uncertain numbers: name -> reason for null."""
+    """Return the measures of decided and uncertain numbers: name -> empty text.
+
+    Other measures have a reason why they can be null in place of the empty text.
+    """
     is_free = isinstance(scenario.prediction.horizon_s, Decided)
     found = [END_TIME_MEASURE] if is_free or scenario.phases else []
     for name, one in zip(phase_names(scenario), scenario.phases, strict=True):
@@ -91,12 +95,13 @@ def with_durations(
     problem: OptimalControlProblem,
     found: Mapping[str, Measure],
 ) -> dict[str, Measure]:
-    """Return measures with the lengths of the phases [s] by their names.
+    """Return measures, with the end time and decided lengths of phases [s] by name.
 
     Args:
         scenario: A scenario with phases.
         problem: The problem of all phases.
-        found: The measures, with decided lengths as parameters.
+        found: The measures of this problem, in which a decided length of a phase is
+            one of the decided parameters.
     """
     measures, lengths, named = dict(found), [], {}
     for number, (name, one) in enumerate(durations(scenario, problem).items(), 1):

@@ -88,7 +88,11 @@ def rows_of(flight: Flight[P], trajectory: Trajectory) -> tuple[Array, Array, Ar
 def decided_rows(
     flight: Flight[P], trajectory: Trajectory, shape: tuple[int, ...]
 ) -> dict[str, Array]:
-    """Return the decided parameters along the simulated path, each (T, m + 1)."""
+    """Return the decided parameters along the simulated path, by name.
+
+    Each has the given shape, with a row for each control interval. Within a row all
+    values are equal.
+    """
     plant = flight.posed.plant
     if not plant.decided:
         return {}
@@ -210,10 +214,10 @@ def _even_times(problem: OptimalControlProblem, times: Array) -> Array:
 
 
 def controls_before(flight: Flight[P], controls: Array) -> Array:
-    """Return for each row of `rows_of` the controls of the interval before.
+    """Return at each time of `rows_of` the controls of the interval before.
 
-    For linear controls they are those at the beginning of the interval. For vehicles
-    that plan one by one, those before the first interval are zero.
+    For linear controls these are the controls at the beginning of the interval itself.
+    For vehicles that plan one by one, the controls before the first interval are zero.
     """
     (agent, *others) = flight.posed.agents
     if agent.problem.has_knots:
@@ -252,6 +256,9 @@ def path_of(
     scenario: ProblemScenario, flight: Flight[ProblemPosed], trajectory: Trajectory
 ) -> dict[str, Value]:
     """Return name -> number or values along the simulated path, shape (T, m + 1).
+
+    A row has the values of one of the T control intervals, at the ends of m plant steps
+    (`rows_of`).
 
     Names of states, controls, algebraic variables, definitions and a vehicle's
     constants end with its suffix; the file's constants can also be used without it.

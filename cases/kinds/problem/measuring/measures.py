@@ -65,7 +65,7 @@ P = TypeVar("P", bound=Posed)
 def measure(
     scenario: ProblemScenario, flight: Flight[ProblemPosed], trajectory: Trajectory
 ) -> Mapping[str, Measure]:
-    """Return all measures by name, null if one is not defined."""
+    """Return all measures by name, with None for undefined ones."""
     if scenario.phases:
         found = measured(
             flight,
@@ -122,7 +122,7 @@ def measured(
     problem: OptimalControlProblem,
     own: Mapping[str, Measure],
 ) -> dict[str, Measure]:
-    """Return own measures and those of any problem, null if one is not defined.
+    """Return own measures and those of any problem, with None for undefined ones.
 
     Args:
         flight: The flight.
@@ -165,7 +165,7 @@ def measured(
 def own_values(
     own: Mapping[str, str], path: Mapping[str, Value], tables: Tables = NO_TABLES
 ) -> dict[str, Measure]:
-    """Return own measures by name, null if one is not a finite number.
+    """Return own measures by name, with None for one without a finite value.
 
     Args:
         own: Name -> expression.
@@ -176,10 +176,10 @@ def own_values(
 
 
 def own_measures(scenario: UserScenario) -> dict[str, str]:
-    """Return the scenario's own measures: name -> reason why one can be null.
+    """Return the scenario's own measures: name -> reason why the measure can be null.
 
-    Only a settling time itself exceeds every bound if it is null, and not a value
-    computed from one, such as `9 - settling(...)`.
+    The reason is NEVER for a settling time, which exceeds every bound if it is null.
+    This does not hold for values computed from one, such as `9 - settling(...)`.
     """
     decided = (
         decided_measures(scenario) if isinstance(scenario, ProblemScenario) else {}

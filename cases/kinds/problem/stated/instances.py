@@ -77,8 +77,8 @@ class Instances(Part):
             have as controls the guess, or else the middle of the bounds: one with the
             states to which these controls lead, one with states that stay at the start.
             All others have random controls. With null all instances have the first
-            start, and three more starts are made for those that fail and for some drawn
-            at random, then for further instances as long as cheaper answers are found.
+            start. Three more starts are then made for instances that fail and for some
+            chosen at random, then for others as long as cheaper answers are found.
     """
 
     file: str = Field(default="", exclude=True)

@@ -144,8 +144,8 @@ def held_candidates(
 ) -> Callable[[float], Array] | None:
     """Return a function of the time [s] that returns additional controls for a search.
 
-    The controls are constant over the horizon, shape (nu, N, k). None if the scenario
-    has no candidates.
+    The controls have the shape (nu, N, k), with k candidates, each constant over the N
+    intervals. Without candidates in the scenario there is no function, but None.
     """
     if not scenario.candidates:
         return None

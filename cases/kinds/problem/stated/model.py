@@ -166,8 +166,8 @@ def planning_problem(
         scenario: The scenario.
         members: Members that are planned together.
         seen: Other members, whose positions are the last signals. If plans are
-            committed, these are the positions in committed plans, those in candidates,
-            and then a distance to keep in addition to the least one.
+            committed, the last signals are the positions in committed plans, the
+            positions in candidates, and a length to be added to the least distance.
     """
     first, grid = members[0], scenario.prediction
     vehicles = scenario.vehicles
@@ -298,7 +298,10 @@ def horizon_of(
 
 
 def interval_of(scenario: ProblemScenario, constants: Mapping[str, float]) -> float:
-    """Return the length of a control interval of the plant [s]; a guess if decided."""
+    """Return the length of a control interval of the plant [s].
+
+    If the end time is decided and no `period_s` is given, it follows from the guess.
+    """
     horizon = horizon_of(scenario, constants)
     if scenario.feedback.period_s is not None:
         return scenario.feedback.period_s
@@ -331,7 +334,10 @@ def _uses(expression: ca.SX, symbols: ca.SX) -> bool:
 
 
 def positions_of(scenario: ProblemScenario) -> tuple[int, ...]:
-    """Return the rows of the states of a separation; its coordinates must be states."""
+    """Return the indices of the states that are the coordinates of the separation.
+
+    Each coordinate must be the name of a state. Empty if there is no separation.
+    """
     if scenario.vehicles is None or scenario.vehicles.separation is None:
         return ()
     names = list(scenario.states)
@@ -507,7 +513,10 @@ def separations(
 
 
 def committed_distance(part: Vehicles, constants: Mapping[str, float]) -> float:
-    """Return the distance that committed plans keep, with twice the tracking error."""
+    """Return the distance that committed plans keep: the least, plus twice the error.
+
+    The error is the largest distance of a vehicle from its committed plan.
+    """
     text = "0" if part.separation is None else part.separation.distance
     error = number(part.tracking_error, constants)
     return number(text, constants) + 2.0 * error

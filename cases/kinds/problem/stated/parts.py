@@ -46,11 +46,11 @@ class State(Part):
     Attributes:
         start: Value at the start: a number, or decided by the plan; null if every
             vehicle has its own.
-        rate: Derivative in time, an expression [unit/s]; `rate` or `next` is required,
-            and null means 0.
+        rate: Derivative in time, an expression [unit/s]; null means 0, but one of
+            `rate` and `next` is required.
         next: Value that the state gets at the end of each control interval, an
             expression; null means that it stays as it is.
-        periodic: Option that makes the state end at its own start.
+        periodic: Option that makes the state end at the value at which it starts.
         bounds: Bounds [lower, upper], numbers or expressions, kept at every check of a
             plan; null means no limit.
         scale: Typical size of the value, above 0, which scales the problem for the
@@ -105,7 +105,7 @@ class Control(_Features):  # type: ignore[misc, valid-type]
 
 
 class Equation(Part):
-    """An algebraic equation; there are as many as algebraic variables.
+    """An algebraic equation, which is stated for one of the algebraic variables.
 
     Attributes:
         equation: Expression that must be 0.
@@ -183,8 +183,8 @@ class PathLimit(Constraint):
     """A constraint along the path, which can be soft.
 
     Attributes:
-        soft: Weights of the cost of breaking the constraint, which `flown_cost` does
-            not include; null means that it must hold.
+        soft: Weights of the cost of breaking the constraint; null means that the
+            constraint must hold. The measure `flown_cost` does not include this cost.
     """
 
     soft: Soft | None = None

@@ -52,7 +52,12 @@ def phase_names(scenario: ProblemScenario) -> list[str]:
 
 
 def phase_scenarios(scenario: ProblemScenario) -> list[ProblemScenario]:
-    """Return a scenario of each phase alone; see the module's head."""
+    """Return a scenario of each phase alone: the file, with what the phase replaces.
+
+    Path constraints of the phase are added to those of the file. The file's initial
+    cost is that of the first phase only, its terminal cost and constraints are those of
+    the last phase only.
+    """
     last = len(scenario.phases) - 1
     return [
         _of_phase(scenario, number, is_first=not number, is_last=number == last)

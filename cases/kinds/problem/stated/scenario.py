@@ -88,8 +88,8 @@ class SeparationPart(Part):
     """A distance that every two vehicles keep.
 
     Attributes:
-        of: One to three coordinates of a vehicle: expressions, or names of states
-            unless `planning` is joint.
+        of: One to three coordinates of a vehicle: any expressions if `planning` is
+            joint, else names of states.
         distance: Smallest allowed distance between two vehicles.
         margin: Reserve that plans keep from the distance.
         along: Places at which distances are checked: the check points, or (in the
@@ -136,7 +136,8 @@ class Vehicles(Part):
 class Uncertain(Part):
     """Several values of parameters, for which one control sequence is planned.
 
-    The simulated system has the value that the parameter itself is given.
+    The simulated system has the values of the scenario's `parameters`, replaced by
+    those of `plant.parameters`.
 
     Attributes:
         values: Values by parameter: one for each member.
@@ -293,12 +294,13 @@ class ProblemScenario(UserScenario):
         constants: Constants by name: numbers, or expressions in the constants before
             them.
         tables: Tables by name, used as functions in expressions.
-        parameters: Parameters by name, constant within a plan: over time, or decided by
-            the plan.
+        parameters: Parameters by name: values over time, or numbers that the plan
+            decides. In a plan each is constant; of values over time it is the one at
+            the time of planning.
         signals: Signals by name, known ahead over the horizon: numbers, expressions in
             time, or tables.
-        definitions: Definitions by name: expressions that stand for parts of others,
-            each with the definitions before it.
+        definitions: Definitions by name: expressions that other expressions use by
+            this name; each can use the definitions before it.
         algebraic: Algebraic variables by name: an expression that is 0, or a mapping.
         states: States by name, at least one; required.
         controls: Controls by name, at least one; required.

@@ -297,7 +297,9 @@ AnyPlantPart = Annotated[
 
 
 def steps_within(part: SimulatorPart, interval: float) -> int:
-    """Return the number of a simulator's steps in a control interval; 0 if none fits.
+    """Return the number of a simulator's steps in a control interval.
+
+    It is 0 if no whole number of steps fits, or if there are too many.
 
     Args:
         part: The simulator.

@@ -98,6 +98,10 @@ class Scope:
     def value(self, text: str, operations: Mapping[str, Callable[..., Any]]) -> Any:
         """Return the value of an expression.
 
+        Args:
+            text: The expression.
+            operations: Name of an operation or a function -> what computes it.
+
         Raises:
             ExpressionError: If a name is unknown or not allowed here.
         """
@@ -130,7 +134,7 @@ class Scope:
 def constants_of(
     scenario: ProblemScenario, own: Mapping[str, str] | None = None
 ) -> dict[str, float]:
-    """Return the constants as numbers; each can use those before it.
+    """Return the constants as numbers; a constant can use those before it.
 
     Args:
         scenario: The scenario.
@@ -138,7 +142,7 @@ def constants_of(
             them.
 
     Raises:
-        ExpressionError: If one is not a finite number.
+        ExpressionError: If a constant is not a finite number.
     """
     found: dict[str, float] = {}
     for name, text in {**scenario.constants, **(own or {})}.items():
@@ -267,7 +271,7 @@ def _last_before(times: Array, at: Array) -> NDArray[np.intp]:
 def rows_over_time(
     given: Mapping[str, OverTime], constants: Mapping[str, float]
 ) -> Signal | None:
-    """Return a function: times (n,) [s] -> values, (rows, n); None without any."""
+    """Return a function: times (n,) [s] -> values, (rows, n); None without rows."""
     return stacked([over_time(one, constants) for one in given.values()])
 
 
@@ -277,7 +281,7 @@ def rows_at(
     times: Array,
     constants: Sequence[Mapping[str, float]],
 ) -> Array:
-    """Return a row of values for each name of each member; 0 if none are given.
+    """Return a row of values for each name of each member; 0 for names not given.
 
     Args:
         given: Name -> values over time.
@@ -294,5 +298,5 @@ def rows_at(
 
 
 def stacked(rows: Sequence[Signal]) -> Signal | None:
-    """Return a function: times (n,) [s] -> all rows, (rows, n); None without any."""
+    """Return a function: times (n,) [s] -> all rows, (rows, n); None without rows."""
     return (lambda times: np.stack([row(times) for row in rows])) if rows else None

@@ -135,7 +135,14 @@ class Table(Part):
 
 
 def chosen(key: str, *, otherwise: str) -> Discriminator:
-    """Return a rule that chooses a form by its key: errors concern that form only."""
+    """Return a rule for Pydantic that says by a key which form of a part is meant.
+
+    So errors concern this form only. A text has a form of its own.
+
+    Args:
+        key: Key that only one of the forms has.
+        otherwise: Name of the form of a mapping without this key.
+    """
 
     def tag(value: Any) -> str:
         has = key in value if isinstance(value, dict) else hasattr(value, key)
