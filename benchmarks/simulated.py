@@ -300,7 +300,9 @@ def with_workers() -> str:
         )  # fmt: skip
         spent.append(time.perf_counter() - begun)
         controls.append(found.controls)
-    same = "the same plan" if np.array_equal(*controls) else "another plan"
+    same = (
+        "the same plan" if np.array_equal(controls[0], controls[1]) else "another plan"
+    )
     return (
         f"**Workers.** L-SHADE with 400 roll-outs of {spent[0] / 0.4:.0f} ms each (the "
         f"reactor, integrated in smaller steps) takes {spent[0]:.1f} s with one worker "

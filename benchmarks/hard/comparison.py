@@ -84,10 +84,11 @@ NOTES = (
     "any method. With a search and IPOPT, the search has 90 % of it.",
     "- **Judge.** No method judges itself: its answer is simulated again ten times "
     "finer, as by `swarmstart judge`. An answer that breaks a limit between the "
-    "checks is repaired by the library, whichever method found it; that time counts, "
-    "on top of the budget.",
-    "- **Success.** A confirmed cost within 0.1 % of the best known. The time is that "
-    "of the method's first value so good, and of the repair; a whole run takes longer. "
+    "checks is repaired by the library, whichever method found it; the time of the "
+    "repair is added to that of the run and may exceed the budget.",
+    "- **Success.** A confirmed cost within 0.1 % of the best known. It takes the time "
+    "until the method first had a value so good, plus that of the repair; a whole run "
+    "takes longer. "
     "These are failures: a value that is found later than 1.1 times the budget plus "
     "0.25 s, a run that takes more than {most} s with its repair, and a problem for "
     "which the method has no answer. IPOPT once has no random numbers: it is run once, "

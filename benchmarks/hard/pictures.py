@@ -43,10 +43,10 @@ Disc = tuple[float, float, float]
 """x, y and radius."""
 TEXT = """# The optima of the hard problems
 
-This page shows the best optima of each [hard problem](hard_problems.md) side by side.
-They come from one call of `solve` without options: its answer, and the best other
-optima that its [lanes](glossary.md#lane) found, each polished by IPOPT. There are fewer
-than three if too few others kept all limits when they were integrated ten times finer.
+This page shows the best optima of each [hard problem](hard_problems.md) side by side,
+at most three. They come from one call of `solve` without options: its answer, and the
+best other optima that its [lanes](glossary.md#lane) found, each polished by IPOPT. An
+optimum that breaks a limit when it is integrated ten times finer is left out.
 "Here" lists the costs of the pictures. The word in brackets says [how a cost is
 known](hard_problems.md#best-known-values).
 

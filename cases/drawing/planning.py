@@ -103,7 +103,7 @@ def draw_planning(
     names: Sequence[str] = ("",),
     given: Collection[int] = (),
 ) -> None:
-    """Draw the time of each step above the strip of the plans' sources.
+    """Draw the computing time of each step, and below it the sources of its plans.
 
     Args:
         part: A figure, or a part of one, that is empty.

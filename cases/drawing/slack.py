@@ -111,8 +111,8 @@ def slacks(
         problem: The problem that is planned.
         trajectory: States and controls of this problem's model.
         known: Parameters and signals of each plan.
-        true: First signals over time, as the simulated system has them; None means that
-            they are those of the plans.
+        true: Times -> the signals that come first in the problem's, as the simulated
+            system has them; None means that they are those of the plans.
     """
     shooting = shooting_of(problem)
     lowered, problem = shooting.lowered, shooting.problem
@@ -162,8 +162,8 @@ def moving_bounds(
         problem: The problem that is planned.
         trajectory: States and controls of this problem's model.
         known: Parameters and signals of each plan.
-        true: First signals over time, as the simulated system has them; None means that
-            they are those of the plans.
+        true: Times -> the signals that come first in the problem's, as the simulated
+            system has them; None means that they are those of the plans.
     """
     shooting = shooting_of(problem)
     if not _moving(shooting.problem):
@@ -314,7 +314,7 @@ def _with_true(
     Args:
         lowered: The problem with its core.
         rows: Signals of the plan, shape (ns, m + 1).
-        true: First signals over time; None: those of the plan.
+        true: Times -> the first rows of the signals; None: those of the plan.
         times: Times of the columns, shape (m + 1,) [s].
     """
     if true is None:

@@ -44,7 +44,8 @@ class Twin:
     It remembers its last plan; `reset` begins anew.
 
     Attributes:
-        size: Sum of the absolute costs of the last plan's intervals and ends.
+        size: Sum of the absolute values of the last plan's costs: of each interval, of
+            the start and of the end.
     """
 
     def __init__(self, one: PosedController, *, iterations: int) -> None:

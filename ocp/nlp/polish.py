@@ -327,7 +327,8 @@ class Polisher(Called):
             states: Start of the solver for the states at the nodes, shape (nx, nodes);
                 they need not be consistent with the controls. None: the states that the
                 controls lead to.
-            is_guess: Whether the states give the sizes of unbounded states.
+            is_guess: Whether the natural size of a state without bounds is its range in
+                these states.
             near: Whether the guess is an answer, of a search or a solver, near which
                 this solver should stay if the guess is feasible to 1e-3.
             held: Indices of the controls that are held fixed.

@@ -60,8 +60,8 @@ class Start(NamedTuple):
             lead to.
         x0: Initial state, including the decisions about it, shape (nx,); None: the
             given one.
-        is_guess: Whether the states give the sizes of unbounded states, by which
-            the NLP is scaled.
+        is_guess: Whether the NLP is scaled by these states: the natural size of a
+            state without bounds is then its range in them.
         carried: Multipliers of an earlier answer, from which a polish starts; None
             without them.
         decided: Decisions of an earlier answer about the start of the rewritten

@@ -455,7 +455,8 @@ class Arguments:
             states: States at the nodes, shape (nx, nodes).
             x0: Initial state, shape (nx,).
             known: Values of the parameters and signals.
-            is_guess: Whether the states give the sizes of unbounded states.
+            is_guess: Whether the natural size of a state without bounds is its range in
+                these states.
         """
         problem = self._problem
         start, parameters, flat = shared_arguments(problem, x0, known)

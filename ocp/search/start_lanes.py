@@ -102,7 +102,8 @@ class _Starts(NamedTuple):
 
     def part(self, some: slice) -> "_Starts":
         """Return some of these starts."""
-        return _Starts(*(one if one is None else one[..., some] for one in self))
+        states = None if self.states is None else self.states[..., some]
+        return _Starts(self.controls[..., some], self.decided[..., some], states)
 
 
 class StartLanes:

@@ -117,7 +117,7 @@ class Change:
 def continuous_change(
     dynamics: ca.Function, terminal_set: TerminalSet, *, Q_m: ArrayLike | None = None
 ) -> Change:
-    """Return c for a continuous input.
+    """Return c(e), the rate of e'Pe plus the margin e'Q_m e, for a continuous input.
 
     Args:
         dynamics: f(x, u) -> xdot, SI units.
@@ -135,7 +135,7 @@ def continuous_change(
 def held_change(
     step: ca.Function, terminal_set: TerminalSet, *, Q_m: ArrayLike | None = None
 ) -> Change:
-    """Return c for an input that is held over each step.
+    """Return c(e), the change of e'Pe plus the margin, for an input held over a step.
 
     Args:
         step: F(x, u) -> x after dt, SI units.

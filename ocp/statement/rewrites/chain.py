@@ -148,7 +148,8 @@ class Lowered:
         """Return the length of an answer's horizon [s].
 
         Args:
-            x0: Initial state of the core.
+            x0: Initial state of the rewritten problem (core), which holds a free end
+                time.
         """
         place = self.places[END_TIME]
         return float(x0[place[0]]) if place else self.stated.length

@@ -356,15 +356,11 @@ class Ended(Unwatched):
         self._most, self.batches = most, 0
         self.answers: list[tuple[float, float]] = []
 
-    @property
-    def is_over(self) -> bool:
-        """True after the last batch."""
-        return self.batches >= self._most
-
     def counted(self, evaluations: float) -> None:
         """Count a batch."""
         assert evaluations > 0
         self.batches += 1
+        self.is_over = self.batches >= self._most
 
     def iterated(self, evaluations: float, answer: object) -> bool:
         """Stop a solve after the last batch."""
