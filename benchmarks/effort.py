@@ -66,7 +66,8 @@ The second table compares the default call with one that always searches
 (`search="lshade"`), on problems with several optima. The two differ only if cold starts
 and lanes agree. A seed hits if its answer is feasible at the checks (`repair=False`)
 and costs at most 1e-4 more, relative, than the best of all these answers. The rule was
-chosen before the [hard problems](../hard_problems.md) were written.
+chosen before the [hard problems](../hard_problems.md) were written; starts from states
+that lead straight to the end were added to the cold ones after it.
 
 """
 
