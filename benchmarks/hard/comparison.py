@@ -15,7 +15,7 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -448,6 +448,21 @@ def _best_known(results: Sequence[Result]) -> str:
     return f"Better than the file of best known values: {_joined(said)}."
 
 
+def looks_of(methods: Iterable[str]) -> list[tuple[str, str]]:
+    """Return a colour and a line style of matplotlib for each method, all different.
+
+    Peers are dashed; methods for which no colour is left are dotted.
+    """
+    colours = [*LIGHT, "#000000"]
+    return [
+        (
+            colours[number % len(colours)],
+            ":" if number >= len(colours) else "--" if method in PEERS else "-",
+        )
+        for number, method in enumerate(methods)
+    ]
+
+
 def plot(results: Sequence[Result], path: Path) -> None:
     """Draw the share of pairs of problem and seed that each method solves in time."""
     figure = Figure(figsize=(8, 4.5), layout="constrained")
@@ -455,8 +470,8 @@ def plot(results: Sequence[Result], path: Path) -> None:
     axes = figure.subplots()
     scores = [score for one in results for score in one.scores]
     methods = dict.fromkeys(score.method for score in scores)
-    colours, styles = [*LIGHT, "#000000"], ("-", "--")
-    for number, method in enumerate(methods):
+    looks = dict(zip(methods, looks_of(methods), strict=True))
+    for method, (colour, dashes) in looks.items():
         own = np.concatenate([s.times for s in scores if s.method == method])
         times = np.sort(own[np.isfinite(own)])
         shares = np.arange(1, len(times) + 1) / len(own)
@@ -464,9 +479,8 @@ def plot(results: Sequence[Result], path: Path) -> None:
             [*times[:1], *times, scores[0].limit],
             [*np.zeros(len(times[:1])), *shares, len(times) / len(own)],
             where="post",
-            color=colours[number % len(colours)],
-            # The second round of colours, and peers, have dashes of their own.
-            linestyle=":" if number >= len(colours) else styles[method in PEERS],
+            color=colour,
+            linestyle=dashes,
             label=method,
         )
     axes.set(xscale="log", ylim=(0, 1), xlabel="CPU time [s]")

@@ -19,6 +19,7 @@ from swarmstart.benchmarks.hard.comparison import (
     finding,
     fresh_draws,
     fresh_section,
+    looks_of,
     page,
     plot,
     problem_table,
@@ -120,6 +121,14 @@ def test_methods_on_fresh_draws_are_judged_by_the_best_found_there() -> None:
     said = "\n".join(lines)
     assert "seed 102" in said and "in 2 of 2 runs" in said
     assert lines[-1] == "| walls_2 | 0.9 | 2 of 2 | 0 of 2 |"
+
+
+def test_each_line_of_the_picture_looks_different() -> None:
+    looks = looks_of(METHODS)
+    assert len(set(looks)) == len(looks) == len(METHODS)
+    dashes = [style for (_, style), name in zip(looks, METHODS, strict=True)
+              if name in PEERS]  # fmt: skip
+    assert "-" not in dashes
 
 
 def test_budgets_of_seconds_count_by_the_clock_that_is_given() -> None:

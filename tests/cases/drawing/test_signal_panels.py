@@ -29,16 +29,17 @@ LOW = np.array([0.0, 0.0, 1.0, 0.5, 0.5])
 """Least speed at the nodes of four intervals."""
 
 
-def answer(*, held: bool, horizon: float | Free = 4.0) -> Solution:
+def answer(*, held: bool, horizon: float | Free = 4.0, above: float = 0.0) -> Solution:
     """Return the cheapest way along a least speed that changes over time."""
     v, u, low = (ca.SX.sym(name) for name in ("v", "u", "low"))
     problem = OptimalControlProblem(
         Model(states=v, controls=u, ode=u), horizon=horizon, intervals=4, checks=1,
-        stage_cost=u**2 + v**2, bounds=Bounds(states=(low, 3.0), controls=(-2, 2)),
+        stage_cost=u**2 + (v - above) ** 2,
+        bounds=Bounds(states=(low, above + 3.0), controls=(-2, 2)),
         signals=low, features=[HeldSignals(["low"])] if held else [],
     )  # fmt: skip
-    known = Known(signals=LOW[None])
-    return solve(problem, [0.0], known=known, search=None, lanes=0, seed=0)
+    known = Known(signals=above + LOW[None])
+    return solve(problem, [above], known=known, search=None, lanes=0, seed=0)
 
 
 def lines(figure: Figure, name: str) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -83,6 +84,14 @@ def test_a_moving_bound_follows_a_free_end_time() -> None:
     ((_, _, bound),) = moving_bounds_of(found)
     low = np.interp(found.path.times, found.times, LOW)
     np.testing.assert_allclose(bound.values, low, atol=1e-12)
+
+
+def test_a_moving_bound_far_from_zero_keeps_its_digits() -> None:
+    """States far from zero are counted from their start in the core."""
+    found = answer(held=False, above=1e7)
+    ((_, _, bound),) = moving_bounds_of(found)
+    low = 1e7 + np.interp(found.path.times, found.times, LOW)
+    np.testing.assert_allclose(bound.values, low, rtol=0, atol=1e-6)
 
 
 JUMPING = """\

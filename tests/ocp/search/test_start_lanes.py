@@ -19,7 +19,7 @@ from swarmstart.ocp import (
 )
 from swarmstart.ocp.lanes.answers import LaneAnswers, distinct_optima, reached, some_of
 from swarmstart.ocp.lanes.solver import LaneSolver
-from swarmstart.ocp.nlp.watching import UNWATCHED, Relay
+from swarmstart.ocp.nlp.watching import UNWATCHED, Relay, Unwatched, Watch
 from swarmstart.ocp.search import start_lanes
 from swarmstart.ocp.search.start_lanes import StartLanes, variations
 from swarmstart.tests.ocp.lanes.problems import cart, crossing
@@ -83,11 +83,11 @@ def test_cheaper_optima_are_varied_more_often() -> None:
     np.testing.assert_allclose(counts, 3000 * np.array([6, 3, 2]) / 11, rtol=0.15)
 
 
-def lanes_of(problem: OptimalControlProblem) -> StartLanes:
-    """Return lanes that are not watched."""
+def lanes_of(problem: OptimalControlProblem, watch: Watch = UNWATCHED) -> StartLanes:
+    """Return lanes with an observer."""
     planner = Planner(problem, search=None, polish=IpoptOptions())
     solver = LaneSolver(planner.fitness.shooting)
-    return StartLanes(planner.fitness, solver, Relay(UNWATCHED))
+    return StartLanes(planner.fitness, solver, Relay(watch))
 
 
 def first(problem: OptimalControlProblem) -> list[Start]:
@@ -116,6 +116,27 @@ def test_variations_find_cheaper_optima_and_are_no_sample() -> None:
     assert len(best) == 2
     kept = some_of(more.answers, np.flatnonzero(reached(more.answers)))
     assert distinct_optima(kept)[0].cost == more.least
+
+
+@pytest.mark.usefixtures("compiler")
+def test_answers_of_batches_are_in_the_order_of_their_starts() -> None:
+    """Random controls, then states that lead to the end, as if solved at once."""
+
+    class Counting(Unwatched):
+        def counted(self, evaluations: float) -> None:
+            batches.append(evaluations)
+
+    batches: list[float] = []
+    problem = crossing()
+    one, other = (
+        lanes_of(problem, watch).random(
+            first(problem), START, Known(), 40, np.random.default_rng(0)
+        )
+        for watch in (UNWATCHED, Counting())
+    )
+    assert len(batches) == 4 and one.answers.cost.size == 41
+    np.testing.assert_array_equal(one.answers.cost, other.answers.cost)
+    np.testing.assert_array_equal(one.answers.states, other.answers.states)
 
 
 @pytest.mark.usefixtures("compiler")
