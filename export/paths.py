@@ -35,8 +35,8 @@ class VehiclePath:
         positions: Positions, z up, shape (k, 3) [m].
 
     Raises:
-        ExportError: If shapes do not fit, a number is not finite or larger than
-            FARTHEST, there are fewer than two times, or times do not rise.
+        ExportError: If shapes do not fit, a number is not finite or beyond 1e9 in size,
+            there are fewer than two times, or times do not rise.
     """
 
     name: str

@@ -65,7 +65,11 @@ class Pieces:
         return found
 
     def largest(self, derivative: int) -> tuple[float, float]:
-        """Return the largest size of a derivative, and its time [s]."""
+        """Return the largest Euclidean norm of a derivative, and its time [s].
+
+        Args:
+            derivative: Order of the derivative of the positions.
+        """
         times = [float(self.knots[-1])]
         pieces = zip(self.knots[:-1], self.lengths, self.coefficients, strict=True)
         for begin, length, piece in pieces:

@@ -85,7 +85,7 @@ def ieee_kernel(function: Function) -> Function:
 
 
 def free_kernel(function: Function) -> Function:
-    """Compile a function as `kernel` does; it runs without Python's lock."""
+    """Compile a function as `kernel` does; it runs without Python's lock (GIL)."""
     return cast(Function, Deferred(function, lambda maker: maker.free_kernel(function)))
 
 

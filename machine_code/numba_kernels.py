@@ -165,7 +165,8 @@ class _Kernel(CPUDispatcher):
     def get_call_template(self, args: Any, kws: Any) -> Any:
         """Compile for a kernel that calls this one; return Numba's call template.
 
-        A constant counts as a number: else each constant would need its own code.
+        For a constant, code for any number of its type is compiled; otherwise each
+        constant would need code of its own.
         """
         plain = tuple(unliteral(kind) for kind in args)
         named = {name: unliteral(kind) for name, kind in kws.items()}
@@ -176,7 +177,7 @@ class _Kernel(CPUDispatcher):
             _for_kernel.reset(token)
 
     def compile(self, sig: Any) -> Any:
-        """Return Python's entry of the code for a signature, compiled or loaded."""
+        """Compile or load code for a signature; return the entry that Python calls."""
         arguments, _ = normalize_signature(sig)
         with compiling(), global_compiler_lock:
             kept = self.overloads.get(tuple(arguments))

@@ -259,7 +259,7 @@ class _Aircraft:
         ])  # fmt: skip
 
     def fly(self, speed: float, heading: float, height: float, *, steps: int) -> None:
-        """Move on with set points held over so many steps."""
+        """Simulate a number of steps of JSBSim in which the set points are held."""
         model = self._model
         for step in range(steps):
             if step % _STEPS_PER_COMMAND == 0:

@@ -121,11 +121,17 @@ def described(file: Path) -> Described:
 def require_variables(
     found: Described, role: str, names: Sequence[str], causality: str = ""
 ) -> None:
-    """Raise if an FMU has not all variables, or one is of another causality.
+    """Raise unless an FMU has all named variables, each with the expected causality.
+
+    Args:
+        found: Facts about the FMU.
+        role: Role of the variables, for the message, such as "states".
+        names: Names of the variables.
+        causality: Expected causality, such as "input"; if empty, any.
 
     Raises:
-        SimulatorError: If one is missing, with the nearest name, or of another
-            causality.
+        SimulatorError: If there are no names (unless they are parameters), a name is
+            given twice, or a variable is missing or has another causality.
     """
     if not len(names) and role != "parameters":
         raise SimulatorError(str(found.file), f"expected some {role}, found no name")

@@ -269,7 +269,7 @@ class _Process:
         self.close = weakref.finalize(self, _ended, self._process, self._words)
 
     def asked(self, line: str, limit: float) -> str:
-        """Send a line, and return the next one.
+        """Send a line to the program, and return the next line that it answers.
 
         Raises:
             _LostError: If the program has ended, or the time is over.
@@ -303,7 +303,7 @@ class _Process:
             raise _LostError(f"an answer is longer than {MOST_BYTES:,} bytes")
 
     def last_words(self) -> str:
-        """Return the last line that it wrote as an error, for a message."""
+        """Return the last line of the program's standard error, for a message."""
         if self._words.closed:
             return ""
         self._words.seek(0, os.SEEK_END)

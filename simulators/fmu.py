@@ -220,7 +220,7 @@ class _Library:
         self._close()
 
     def begun(self, values: Mapping[int, float]) -> list[float]:
-        """Begin a run with given values of variables, and return what is read."""
+        """Begin a run with given values of variables, and return the state."""
         slave = self._slave
         if not self._close.alive:
             raise SimulatorError(self._name, "expected an FMU in use, found it closed")
@@ -242,7 +242,7 @@ class _Library:
             raise self._failed("begin a run", error) from error
 
     def stepped(self, values: list[float], time: float, dt: float) -> list[float]:
-        """Set inputs, make a step, and return what is read."""
+        """Set inputs, make a step, and return the state."""
         slave, one = self._slave, self._slave.component
         count = len(values)
         self._given[:] = values  # type: ignore[assignment]  # Floats are taken.

@@ -83,7 +83,9 @@ class Fit(NamedTuple):
 
 
 class Correction:
-    """A problem whose rates have a correction with parameters; built once for all fits.
+    """A problem whose rates are corrected by a formula with parameters.
+
+    It is built once; each fit gives other values of these parameters.
 
     Attributes:
         problem: The problem with the correction.
@@ -158,7 +160,10 @@ class Correction:
         return np.array(self._after(x, u, np.concatenate([parameters, own]), rest))
 
     def known(self, known: Known, fit: Fit) -> Known:
-        """Return parameters and signals of a problem, with those of a fit added."""
+        """Return parameters with those of a fit appended, and its errors r as signals.
+
+        The model of the problem itself has no signals.
+        """
         own = np.asarray(known.parameters, dtype=np.float64).ravel()
         return known._replace(
             parameters=np.concatenate([own, fit.parameters]), signals=fit.rest

@@ -224,7 +224,7 @@ class _Worker:
         self.end = weakref.finalize(self, _end, self._process)
 
     def send(self, content: object) -> None:
-        """Send a frame; a process that has ended shows when its answer is read."""
+        """Send a frame; an ended process is noticed when its answer is read."""
         left = memoryview(frame(content))
         with suppress(OSError):
             while left:

@@ -130,7 +130,8 @@ def _said(certificate: Certificate, sampled: Sequence[str]) -> str:
 def findings(certificate: Certificate, *, seconds: float) -> Iterator[Finding]:
     """Judge a certificate, statement by statement, the quick ones first.
 
-    It stops at a refusal on which all other statements depend.
+    It stops if P or Q_m is refused, since all other statements depend on them. The long
+    proofs are left out if any quick statement is refused.
 
     Args:
         certificate: The statements of the file.

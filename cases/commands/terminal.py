@@ -180,7 +180,8 @@ def wrapped_table(rows: Sequence[tuple[str, ...]]) -> list[str]:
 def first_sign(*, quiet: bool) -> Iterator[None]:
     """Context that says after a moment that the command is at work.
 
-    It also prints the name of each thing that is compiled meanwhile.
+    It also prints the name of each thing that is compiled meanwhile. If `quiet` is
+    true, it prints nothing.
     """
     if quiet:
         yield

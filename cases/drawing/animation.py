@@ -125,7 +125,7 @@ class Filmed(ABC):
 
     Attributes:
         figure: The picture.
-        axes: The ground on which everything moves.
+        axes: Axes of the plane in which everything moves.
         frames: Number of frames.
         colours: Colour of each moving thing.
     """

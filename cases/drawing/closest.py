@@ -48,7 +48,7 @@ class Approach:
     ends: Array
 
     def words(self, unit: str) -> str:
-        """Return two lines of text: the distance with its names, and its time."""
+        """Return two lines of text: the distance with its time, then the names."""
         # About: a measure may follow a finer path than the figure.
         shown = f"about {self.distance:.2g} {unit}".strip()
         who = ", ".join(name for name in self.names if name)

@@ -55,8 +55,8 @@ class Labels:
         maximize: Whether the user maximises; costs are then the maximised values times
             -1.
         ends: Times at which phases end, without the last phase [s].
-        spans: Suffix of the names of a phase's constraints -> number of the phase's
-            first interval, and of the one after its last.
+        spans: Suffix that names of a phase's constraints end in -> number of the
+            phase's first interval, and number of the first interval after the phase.
     """
 
     states: Sequence[str] = ()
@@ -115,7 +115,7 @@ class Panel:
         lower: Lower bounds, shape (vehicles,), -inf for no bound.
         upper: Upper bounds, shape (vehicles,), inf for no bound.
         moving: Bounds that change over time.
-        beneath: Times and values of each of the thin lines beneath the values.
+        beneath: Times and values of each thin line that is drawn beneath the values.
         beneath_name: Name of the thin lines.
         rest: Words on how much of the time is shown; empty if all of it is.
     """
@@ -247,7 +247,9 @@ def panels_figure(blocks: Mapping[str, Sequence[Panel]], labels: Labels) -> "Fig
 
 
 def grid(counts: Sequence[int]) -> "tuple[Figure, list[list[Axes]]]":
-    """Return a figure with blocks of axes over one time, each block in its own rows.
+    """Return a figure with blocks of panels that share the time axis.
+
+    Each block begins a new row.
 
     Args:
         counts: Number of panels in each block.
@@ -276,7 +278,7 @@ def columns_of(panels: int) -> int:
 def grid_in(
     figure: "FigureBase", counts: Sequence[int], *, columns: int
 ) -> "list[list[Axes]]":
-    """Return blocks of axes over one time in a figure or a part of one.
+    """Return blocks of axes that share the time axis, in a figure or a part of one.
 
     Args:
         figure: A figure, or a part of one.

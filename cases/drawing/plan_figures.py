@@ -78,8 +78,9 @@ class Flown:
         labels: The words on the axes.
         known: Function from the number of a step, and of a problem, to the parameters
             and signals of the plan.
-        true: First signals of each problem over time, as the simulated system has them.
-            None, or an empty sequence, means that they are those of the plans.
+        true: For each problem a function from times to its first signals (those before
+            the plans of other vehicles), as the simulated system has them. None in its
+            place, or an empty sequence, means that they are those of the plans.
     """
 
     problems: tuple[OptimalControlProblem, ...]
@@ -89,7 +90,10 @@ class Flown:
     true: Sequence[ReferenceSignals | None] = ()
 
     def signals_of(self, number: int) -> ReferenceSignals | None:
-        """Return a problem's signals in the simulated system; None: as in plans."""
+        """Return the signals of a problem as the simulated system has them.
+
+        None means that they are those of the plans.
+        """
         return self.true[number] if self.true else None
 
     def parts(self) -> Iterator[tuple[OptimalControlProblem, Trajectory, KnownAt]]:

@@ -104,8 +104,9 @@ def figures_of(  # noqa: PLR0913 - a run, what is known of it, and words
         labels: Words on the axes; None means names and units of the (first) model.
         known: Function from the number of a step, and of a problem, to parameters and
             signals of the plan made there; by default there are none.
-        true: First signals of each problem over time, as the simulated system has them.
-            None, or an empty sequence, means that they are those of the plans.
+        true: For each problem a function from times to its first signals (those before
+            the plans of other vehicles), as the simulated system has them. None in its
+            place, or an empty sequence, means that they are those of the plans.
         title: Title of the sheet.
         place: States that are a position; None if there are none.
 

@@ -86,8 +86,8 @@ def draw_band(axes: "Axes", time: Sequence[float], band: Mapping[str, Any]) -> N
     Args:
         axes: The panel.
         time: Instants [s].
-        band: "low", "median" and "high" at each instant, possibly at later ones, too;
-            None in place of a value that is not known.
+        band: Lists "low", "median" and "high" with a value for each instant; further
+            values are not drawn. None stands for a value that is not known.
     """
     low, median, high = (
         np.array(band[side][: len(time)], dtype=float) for side in _SIDES

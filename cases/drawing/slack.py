@@ -85,7 +85,8 @@ class Slack:
         name: Name of the row.
         times: Instants, shape (n,) [s]; a control instant occurs twice, before and
             after the change of controls. For a terminal constraint it is the end alone.
-        values: Slack, or deviation from the limit of an equality, shape (n,).
+        values: Distance to the nearer limit, negative if it is broken; for an equality
+            the deviation from its limit. Shape (n,).
         tolerance: Largest excess that does not count as broken, in the row's units.
         is_equality: Whether the row is an equality, which any value but 0 breaks.
         is_terminal: Whether the row must hold at the end only.
@@ -110,9 +111,10 @@ def slacks(
     Args:
         problem: The problem that is planned.
         trajectory: States and controls of this problem's model.
-        known: Parameters and signals of each plan.
-        true: Times -> the signals that come first in the problem's, as the simulated
-            system has them; None means that they are those of the plans.
+        known: Number of a step -> parameters and signals of the plan made then.
+        true: Times -> the first signals of the problem (those before the plans of other
+            vehicles), as the simulated system has them; None means that they are those
+            of the plans.
     """
     shooting = shooting_of(problem)
     lowered, problem = shooting.lowered, shooting.problem
@@ -156,14 +158,18 @@ def moving_bounds(
     known: KnownAt,
     true: ReferenceSignals | None = None,
 ) -> list[tuple[str, int, MovingBound]]:
-    """Return bounds that change over time, with "states" or "controls" and the row.
+    """Return the bounds that change over time, with what each bounds.
+
+    Each is a triple: "states" or "controls", the index of the bounded state or control,
+    and the bound.
 
     Args:
         problem: The problem that is planned.
         trajectory: States and controls of this problem's model.
-        known: Parameters and signals of each plan.
-        true: Times -> the signals that come first in the problem's, as the simulated
-            system has them; None means that they are those of the plans.
+        known: Number of a step -> parameters and signals of the plan made then.
+        true: Times -> the first signals of the problem (those before the plans of other
+            vehicles), as the simulated system has them; None means that they are those
+            of the plans.
     """
     shooting = shooting_of(problem)
     if not _moving(shooting.problem):
@@ -247,7 +253,7 @@ def arguments_of(
         plan: The plan; None if there is no plan.
         trajectory: The run.
         step: Number of the step at which the plan was made.
-        known: Parameters and signals of each plan.
+        known: Number of a step -> parameters and signals of the plan made then.
     """
     given = known(step)
     start = lowered.start(trajectory.states[:, step], given.previous)
@@ -335,7 +341,7 @@ def _held(trajectory: Trajectory, m: int) -> Array:
 
 
 def made_at(trajectory: Trajectory) -> NDArray[np.intp]:
-    """Return the step at which the plan that is used in each step was made."""
+    """Return, for each step, the number of the step at which its plan was made."""
     if not trajectory.decisions:
         return np.zeros(trajectory.controls.shape[1], dtype=np.intp)
     fresh = new_plans(trajectory.decisions).any(axis=1)

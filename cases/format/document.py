@@ -101,7 +101,8 @@ class Document:
     Attributes:
         root: The tree that the other attributes are computed from; a mapping.
         name: The file's name as it appears in messages.
-        sources: Text by name, for `frame`: the file's, and one for each `assign`.
+        sources: Texts by name, of which `frame` shows lines: the text of the file, and
+            the text of each value set by `assign`.
         folder: Folder of the files that the document names; None means the folder of
             `name`.
         data: Content as nested dict, list, str, int, float, bool and None; not shared

@@ -246,8 +246,9 @@ def interpret(
 
     Args:
         expression: From `parse`.
-        operations: One callable for each key of `FLOAT_OPERATIONS`, of as many
-            arguments; it must accept values of type T and floats, also mixed.
+        operations: One callable for each key of `FLOAT_OPERATIONS`, with as many
+            arguments as the callable there; it must accept values of type T and floats,
+            also mixed.
         names: The value of each name allowed besides the constants; a name that is also
             a constant, such as pi, has the value given here.
 

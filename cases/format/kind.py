@@ -52,16 +52,16 @@ class PosedAgent:
         problem: Its planning problem.
         family: Family of trajectories that a search looks in; None means control
             sequences.
-        reference: The problem's first signals: absolute times (n,) [s] -> (nr, n). The
-            next signals are the plans of the agents in `watches`. None means no
-            reference.
+        reference: Absolute times (n,) [s] -> the first signals of the problem, shape
+            (nr, n); None if there are no such signals. The signals after these are the
+            plans of the agents in `watches`.
         parameters: Time [s] -> parameters (np,) of the plan made then; None if it has
             none.
         candidates: Time [s] -> controls (nu, N, k) that a search tries besides the last
             plan; None means none.
         append: Way in which a last plan that is shifted is continued at its end.
-        shift: Whether planning starts at the last plan shifted by one interval; else at
-            the last plan as it is, one interval late.
+        shift: Whether planning starts from the last plan shifted by one interval; else
+            it starts from the last plan unchanged, which is one interval late.
         first: Controls (nu, N), or a Start with states, from which the first plan
             starts; None if they are not known.
         given: Controls (nu, N) that are applied unchanged, neither searched nor
@@ -69,11 +69,11 @@ class PosedAgent:
         watches: Numbers of the agents whose plans it uses; each of them plans before
             it.
         hears: Numbers of the agents whose committed plans and candidates are among its
-            signals; see `CommittedTeam`. The last of these signals is then a distance
-            to keep in addition to the least one.
-        shows: Rows of its states that other agents use: its position.
+            signals; see `CommittedTeam`. After these there is one more signal: a
+            distance to keep in addition to the least distance.
+        shows: Indices of the states that other agents use, which are its position.
         previous: Control of the interval before the first, shape (nu,); None means the
-            allowed one nearest to zero.
+            allowed control that is nearest to zero.
         within: Largest wall time for one plan in closed loop [s]; None means no limit.
     """
 
@@ -214,13 +214,14 @@ class CommittedPlans:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Nearby:
-    """Identical agents that use only plans within a range; see LocalTeam.
+    """Identical agents that use the plans of near agents only; see LocalTeam.
 
     Parameters and candidates of the agents are constant in time. Agents without a
     reference follow the plan of the first agent in the order.
 
     Attributes:
-        problems: Number of other agents -> planning problem with signals for that many.
+        problems: Number of other agents -> planning problem with signals for the plans
+            of so many agents.
         range: Distance within which an agent uses the plans of others [m].
         position: Rows of an agent's states that are its position.
         links: Largest number of agents that an agent watches at any distance; each
@@ -245,8 +246,8 @@ class Posed:
         plant: The simulated system.
         order: Numbers of the agents in the order in which they plan; None for one
             agent.
-        nearby: Data of agents that use only plans within a range; None means that each
-            agent uses the plans of all agents that it watches.
+        nearby: Data of agents that use the plans of near agents only; None means that
+            each agent uses the plans of all agents that it watches.
         open_loop: Whether the one plan is followed to its end without feedback.
         repair: Whether an open-loop plan that breaks a constraint between its checks is
             solved again with a margin.
@@ -259,7 +260,8 @@ class Posed:
             keep their length.
         controller: Controller that the kind itself supplies, without agents; None if
             agents plan.
-        ended: Words on a run that `controller` has ended.
+        ended: Words on what happened in a run with `controller`; they take the place of
+            a status of plans.
         documents: Further files of a run's folder: name -> text.
         files: Files that are copied into a run's folder: name -> file.
     """
@@ -435,8 +437,8 @@ class PlanningProblem:
         known: Parameters and signals of the problem.
         family: Family of trajectories that a search looks in; None means control
             sequences.
-        guess: Controls (nu, N), or a Start, from which a run plans; None if there is
-            none.
+        guess: Controls (nu, N), or a Start, from which planning starts; None if the
+            scenario gives no guess.
         candidates: Controls (nu, N, k) that the search of a run tries, too; None if
             there are none.
     """
@@ -474,8 +476,10 @@ class GivenInstances(NamedTuple):
     """Data of many instances of the first plan.
 
     Attributes:
-        columns: Starts of states and values of parameters by name, each (M,).
-        starts: Number of starts of each instance; None means as in `solve_many`.
+        columns: Name of a state or parameter -> its start or its value in each of the M
+            instances, shape (M,).
+        starts: Number of points from which each instance is solved; None means the
+            default of `solve_many`.
         place: Number of an instance -> its line in a file, in words; empty without a
             file.
     """
@@ -566,7 +570,8 @@ class Kind:
             animations; empty if the kind has none.
         code: Scenario -> the file or the command of the user's that it runs; None if
             it runs none.
-        posed_by_code: Whether posing runs that file; else only a simulation does.
+        posed_by_code: Whether posing runs that file or command; else only a simulation
+            runs it.
     """
 
     scenario: type[Scenario]
@@ -611,7 +616,7 @@ class Kind:
         """Raise if a scenario runs code of the user's that may not be run.
 
         Raises:
-            CodeNotAllowedError: With the file or the program.
+            CodeNotAllowedError: If so; the error names the file or the program.
         """
         code = self.code(scenario)
         if code is not None and not allow_code:

@@ -1,7 +1,7 @@
 """Signals that jump or bend where plans take them as linear, or as constant.
 
-Between two checks a signal is linear in plans; one of `HeldSignals` keeps the value at
-the start of an interval.
+Plans take a signal as linear between two checks. A signal of `HeldSignals` is constant
+in plans over each interval, with its value at the start of the interval.
 """
 
 from typing import NamedTuple
@@ -56,7 +56,8 @@ def ramps_of(
     Args:
         problem: The problem. If its end time is decided, the times of its checks are
             not known, and no ramp is returned.
-        reference: Times -> values of the problem's first signals; None if it has none.
+        reference: Times -> values of the problem's first signals, those before the
+            plans of other agents; None if there are no such signals.
     """
     if reference is None or isinstance(problem.horizon, Free) or problem.clock:
         return []

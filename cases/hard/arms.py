@@ -28,7 +28,7 @@ RADII, CLEARANCE = (0.2, 0.35), 0.15
 
 
 def arms(*, links: int, discs: int, seed: int) -> Mapped:
-    """Return the document of an arm among discs.
+    """Return the problem of an arm among discs, as the data of a YAML file.
 
     Args:
         links: Number of links; their lengths add to 2.

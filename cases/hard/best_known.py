@@ -76,7 +76,7 @@ class BestKnownFile(Part):
 
     Attributes:
         schema_version: Version of this format.
-        problems: Names of problems, such as hard/walls_4, to their values.
+        problems: Best known values by the names of the problems, such as hard/walls_4.
     """
 
     schema_version: Literal[1] = Field(alias="schema")

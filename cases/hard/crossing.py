@@ -14,7 +14,7 @@ CIRCLE, APART, SHIFT = 5.0, 1.5, 0.2
 
 
 def crossing(*, vehicles: int, seed: int) -> Mapped:
-    """Return the document of vehicles that cross.
+    """Return the problem of vehicles that cross, as the data of a YAML file.
 
     Args:
         vehicles: Number of vehicles.

@@ -66,7 +66,7 @@ def current(field: Currents, points: Array) -> Array:
 
 
 def drawn_currents(*, vortices: int, seed: int) -> tuple[Currents, str]:
-    """Return the first draw that is possible, and its number in words.
+    """Return the first possible draw, and which draw of the seed it is, in words.
 
     Args:
         vortices: Number of vortices.
@@ -79,7 +79,10 @@ def drawn_currents(*, vortices: int, seed: int) -> tuple[Currents, str]:
 
 
 def currents(*, vortices: int, seed: int) -> Mapped:
-    """Return the document of a crossing; arguments as `drawn_currents`."""
+    """Return the problem of a crossing, as the data of a YAML file.
+
+    The arguments are those of `drawn_currents`.
+    """
     field, draw = drawn_currents(vortices=vortices, seed=seed)
     far = field.goal[0]
     definitions: dict[str, str] = {}

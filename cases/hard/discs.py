@@ -44,7 +44,7 @@ class Field(NamedTuple):
 
 
 def drawn_discs(*, discs: int, seed: int) -> tuple[Field, str]:
-    """Return the first draw that is possible, and its number in words.
+    """Return the first possible draw, and which draw of the seed it is, in words.
 
     Args:
         discs: Number of discs.
@@ -57,7 +57,10 @@ def drawn_discs(*, discs: int, seed: int) -> tuple[Field, str]:
 
 
 def discs(*, discs: int, seed: int) -> Mapped:
-    """Return the document of a field of discs; arguments as `drawn_discs`."""
+    """Return the problem of a point among discs, as the data of a YAML file.
+
+    The arguments are those of `drawn_discs`.
+    """
     field, draw = drawn_discs(discs=discs, seed=seed)
     fastest = float(np.ceil(2 * field.goal[0]))
     return {

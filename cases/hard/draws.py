@@ -41,7 +41,7 @@ class Disc(NamedTuple):
 def first_possible(
     attempt: Callable[[np.random.Generator], T | None], seed: int
 ) -> tuple[T, str]:
-    """Return the first possible draw from a generator, and its number in words.
+    """Return the first possible draw, and which draw of the seed it is, in words.
 
     Args:
         attempt: Function that draws once. It returns None if the draw is impossible,
@@ -94,7 +94,9 @@ def minus(name: str, value: float) -> str:
 def crossed(
     start: Sequence[float], goal: Sequence[float], *, half: float, fastest: float
 ) -> Mapped:
-    """Return the document of a point that crosses a room, with a cost on squared speed.
+    """Return the problem of a point that crosses a room, as data of a YAML file.
+
+    The cost is the integral of the squared speed.
 
     Args:
         start: Position at the start, (x, y).
@@ -103,7 +105,7 @@ def crossed(
         fastest: Bound of each speed.
 
     Returns:
-        States, controls, cost, an empty `path`, end and grid of the document, in the
+        States, controls, cost, an empty `path`, end and grid of the problem, in the
         order in which they are written.
     """
     bounds = {"x": [-1, goal[0] + 1.0], "y": [-half, half]}

@@ -62,8 +62,8 @@ def draw(family: str, *, seed: int, **sizes: int) -> str:
         sizes: Sizes of the family, from 1 to 100, such as walls=4, gaps=2.
 
     Returns:
-        A document of `kind: problem`. Its title says which draw of the seed it is, as
-        impossible draws are drawn again from the same stream of numbers.
+        A document of `kind: problem`. Its title says the number of the draw: if a draw
+        is impossible, the next one follows from the same stream of random numbers.
 
     Raises:
         InvalidArgumentError: If the family is unknown, or a size is missing, unknown

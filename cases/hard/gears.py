@@ -1,4 +1,4 @@
-"""Gears: a car crosses hills at full throttle, with one of three gears an interval.
+"""Gears: a car crosses hills at full throttle, in one of three gears per interval.
 
     x' = v,   v' = pull(gear, v) - drag v - slope(x)
     pull = r exp(-((r v - 1) / width)^2),   r = ratio(gear)

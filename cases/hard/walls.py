@@ -80,7 +80,7 @@ class Walls(NamedTuple):
 
 
 def drawn_walls(*, walls: int, gaps: int, seed: int) -> tuple[Walls, str]:
-    """Return the first draw that is possible, and its number in words.
+    """Return the first draw that is possible, and words such as "draw 2 of seed 0".
 
     Args:
         walls: Number of walls K.

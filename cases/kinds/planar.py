@@ -119,7 +119,7 @@ class PlantPart(Part):
 
 
 def distance(a: PlanarState | Point, b: PlanarState | Point) -> float:
-    """Return the distance of two places [m]."""
+    """Return the distance between two positions [m]."""
     return math.hypot(a.x_m - b.x_m, a.y_m - b.y_m)
 
 
@@ -214,7 +214,7 @@ def by_uav(stacked: Array, uavs: int) -> Array:
 
 
 def rooms_of(tracks: Array, discs: Iterable[Any]) -> list[Array]:
-    """Return each UAV's distance to each disc's edge, (uavs, T) each [m].
+    """Return, for each disc, the distance of each UAV to its edge, (uavs, T) [m].
 
     Args:
         tracks: States of the UAVs, shape (uavs, 4, T).

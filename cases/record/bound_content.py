@@ -86,7 +86,7 @@ def _number(value: Any) -> float:
 
 
 def kept_bound(folder: Path, key: str) -> dict[str, Any] | None:
-    """Return the bound in the finished record of a run; None without one.
+    """Return the bound in the finished record of a run; None if there is no such bound.
 
     A bound concerns the problem, so the bound of an earlier equal run still holds.
     """

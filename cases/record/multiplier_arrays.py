@@ -71,7 +71,7 @@ def multipliers_from(arrays: Mapping[str, NDArray[Any]]) -> Multipliers | None:
 
 
 def told(multipliers: Multipliers | None) -> dict[str, Any] | None:
-    """Return the multipliers for a summary: each path row summed over the horizon."""
+    """Return multipliers as plain data, those of path constraints summed over time."""
     if multipliers is None:
         return None
     return {

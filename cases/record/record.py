@@ -256,9 +256,10 @@ def _content(names: Sequence[str], *, is_record: bool) -> str:
 
 
 def withdraw(folder: Path, mark: str = MARK) -> None:
-    """Remove the record of another run: its mark, and the files that it lists.
+    """Remove the record of another run: its mark, and the files that the mark lists.
 
-    Other files stay, since they can be the user's own.
+    The mark is the file that is written last and makes a record complete. Other files
+    stay, since they can be the user's own.
     """
     # Read before the mark is removed, which lists them.
     files = [*_listed(folder, "figures", mark), *_listed(folder, "documents", mark)]
@@ -287,7 +288,10 @@ def _listed(folder: Path, what: str, mark: str = MARK) -> list[Path]:
 
 
 def finished_key(folder: Path, mark: str = MARK) -> str | None:
-    """Return the key of a folder's record: "unknown" if damaged, None if missing."""
+    """Return the key of the run whose finished record is in a folder.
+
+    It is "unknown" if the record is damaged, and None if there is no finished record.
+    """
     try:
         text = (folder / mark).read_text(encoding="utf-8")
     except OSError:

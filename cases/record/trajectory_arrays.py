@@ -395,7 +395,7 @@ def planned(decision: Decision) -> bool:
 
 
 def step_table(trajectory: Trajectory) -> str:
-    """Return the steps of a run as CSV text, a line each.
+    """Return the steps of a run as CSV text, with one line for each step.
 
     Columns: the step from 0 on, its beginning [s], the wall time of its plans [s]
     (empty if it is not known), and for each agent the origin of its plan,

@@ -29,7 +29,8 @@ def paths_of(
 
     Raises:
         RecordError: If no vehicle has states with these names, if the name of a vehicle
-            cannot be that of a file, or if the record lacks a state for a name or time.
+            cannot be that of a file, or if the shape of the recorded states does not
+            fit their names and times.
         ExportError: If a coordinate is not finite, or times do not rise.
     """
     states = [str(name) for name in record.arrays.get("state_names", ())]

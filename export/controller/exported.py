@@ -37,7 +37,7 @@ class CExport:
         name: Name of the controller, a C identifier.
         files: Name of a file -> its text.
         precision: "double" or "single".
-        most_operations: Largest number of operations of a step.
+        most_operations: Largest number of operations that one control step can take.
         posed: The numbers and functions that the files are made of.
         iterations: Largest number of steps of a local solve.
 
@@ -176,12 +176,12 @@ class CompiledController:
 
     @property
     def operations(self) -> int:
-        """Number of operations of the last step."""
+        """Number of operations of the last call of `step`."""
         return self._read()[0][0]
 
     @property
     def iterations(self) -> int:
-        """Number of trials of local solves in the last step."""
+        """Number of steps that the local solves of the last call of `step` tried."""
         return self._read()[0][1]
 
     @property

@@ -1,8 +1,8 @@
 """A controller in C as an FMU: functional mock-up unit for co-simulation, FMI 2 or 3.
 
 An FMU is a ZIP archive of modelDescription.xml, the sources, and a shared library for
-each platform. Inputs are the states, then parameters and signals; outputs the controls,
-the status and the cost of the plan.
+each platform. Inputs are the states, then parameters and signals; outputs are the
+controls, the status and the cost of the plan.
 """
 
 import hashlib

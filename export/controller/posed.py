@@ -50,7 +50,7 @@ class PosedController:
         starts: Random controls, given at knots, from which plans are solved if the last
             plan leads to no feasible one, shape (starts, nu, knots).
         append: Name of the rule for the controls that a shifted plan ends with.
-        terminal_set: The set in which the linear law acts; None without one.
+        terminal_set: The set in which the linear law acts; None if no law is used.
         noise: Largest rise of the cost that counts as noise.
     """
 
@@ -107,7 +107,9 @@ def posed_controller(  # noqa: PLR0913 - what a file is made of, by name
     seen: Sequence[ArrayLike] = (),
     rng: np.random.Generator,
 ) -> PosedController:
-    """Return a controller with the sizes and the first plan of an initial state.
+    """Return the numbers and functions of a controller from which a C file is made.
+
+    The sizes by which numbers are divided, and the first plan, are computed at `x0`.
 
     Args:
         controller: The controller of one vehicle.

@@ -217,7 +217,7 @@ class ControllerText:
     Attributes:
         source: Text of NAME.c.
         header: Text of NAME.h.
-        most_operations: Largest number of operations of a step.
+        most_operations: Largest number of operations that one control step can take.
     """
 
     source: str

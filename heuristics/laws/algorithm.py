@@ -115,7 +115,7 @@ class State(Protocol):
 
 
 class CommonFields(NamedTuple):
-    """The fields of `State`, in the order in which each state begins with them."""
+    """The fields of `State`, with which every state begins, in this order."""
 
     generation: Count
     progress: Array

@@ -239,7 +239,16 @@ def smooth_in(box: Box, size: int, *, rng: np.random.Generator) -> Array:
 
 @kernel
 def correlate(rng: np.random.Generator, per_step: int, fractions: Array) -> None:
-    """Fill an array (dim, size) with the process in this module's docstring."""
+    """Fill an array (dim, size) with numbers in (0, 1) that are correlated in time.
+
+    Each variable of each column follows a first-order autoregressive process over the
+    time steps; its values are uniform.
+
+    Args:
+        rng: Source of randomness.
+        per_step: Number of variables of one time step; it divides dim.
+        fractions: The array.
+    """
     dim, size = fractions.shape
     r = math.exp(-per_step / dim)
     spread = math.sqrt(1.0 - r * r)

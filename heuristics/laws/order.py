@@ -182,9 +182,9 @@ def epsilon_level(
     """Order feasibility first, with a tolerance that shrinks during the search.
 
     It differs from `feasibility_first` if few points of the first population are
-    feasible, for example with equality constraints. Which of two points is better then
-    depends on the fraction of the budget used; the result is best by the final
-    tolerance.
+    feasible, for example with equality constraints. In this case the fraction of the
+    budget used influences which of two points is better. The result of a search is the
+    best point by the final tolerance.
 
     Args:
         tolerance: Largest violation that counts as feasible in the end, at least 0.
@@ -233,7 +233,7 @@ def epsilon_level(
 
 @kernel
 def begin_level(order: RunningOrder, violation: Array) -> None:
-    """Set v_0 of the level from the violations of the initial population, (size,)."""
+    """Set v_0, from which the level falls, by the initial violations, (size,)."""
     level = quantile_of(violation, order.quantile)
     if level < np.inf:  # Else no violation was finite, and the level stays 0.
         order.level[1] = level
@@ -408,9 +408,10 @@ def merits(order: RunningOrder, cost: Array, violation: Array, out: Array) -> No
 def ranges(
     order: RunningOrder, cost: Array, violation: Array
 ) -> tuple[float, float, float]:
-    """Return least and largest feasible cost, and largest violation, if finite.
+    """Return least and largest feasible cost, and the largest violation.
 
-    The costs are infinity and minus infinity if nothing is feasible.
+    Individuals that are not finite are left out. If no individual is feasible, the
+    costs are infinity and minus infinity.
     """
     least, largest, worst = np.inf, -np.inf, 0.0
     for i in range(cost.size):

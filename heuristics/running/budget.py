@@ -44,9 +44,9 @@ class Limits(NamedTuple):
 
     Attributes:
         evaluations: Largest number of individuals.
-        target: Cost at which the search ends; minus infinity for none.
+        target: Cost at which the search ends; minus infinity: no such cost.
         stagnation: Number of generations without a better point after which the search
-            ends; 0 for none.
+            ends; 0: no such limit.
     """
 
     evaluations: int
@@ -72,8 +72,8 @@ class Budget:
             do not count.
 
     Raises:
-        InvalidBudgetError: If there are neither evaluations nor seconds, or one is out
-            of its range.
+        InvalidBudgetError: If there are neither evaluations nor seconds, or a limit is
+            out of its range.
 
     Example:
         >>> import swarmstart as ss

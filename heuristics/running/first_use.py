@@ -17,7 +17,7 @@ from swarmstart.heuristics.running.search import Search
 
 
 def smallest_search(algorithm: Algorithm) -> Search:
-    """Return a small search; its kernels have the same types as those of all others."""
+    """Return a small search whose kernels serve all other searches by the algorithm."""
     box = Box(lower=np.zeros(2), upper=np.ones(2), per_step=1)
     return Search(algorithm, box, rng=np.random.default_rng(0))
 

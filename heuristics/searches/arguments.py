@@ -144,7 +144,7 @@ def generator_of(
             given.
 
     Raises:
-        InvalidSettingsError: If both are given or neither, or one is of another kind.
+        InvalidSettingsError: If both are given or neither, or the one given is invalid.
 
     Example:
         >>> int(generator_of(None, 3).integers(100)) == int(

@@ -137,7 +137,7 @@ def inertia(settings: ChaoticPSOSettings, state: ChaoticPSOState) -> float:
 
 @kernel
 def has_converged(settings: ChaoticPSOSettings, state: ChaoticPSOState) -> bool:
-    """Return whether D < eps (5.18)."""
+    """Return whether the particles have come together: D < eps (5.18)."""
     distance = mean_distance(state.position, settings.scale)
     diversity = distance / settings.search_length
     return bool(diversity < settings.diversity_threshold)

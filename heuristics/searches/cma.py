@@ -254,7 +254,10 @@ def update(state: CMAESState, rank: Count) -> None:
 
 @kernel
 def steps(state: CMAESState, rank: Count) -> tuple[Array, Array]:
-    """The y_i, the best first, shape (size, dim), and |C^(-1/2) y_i|^2, (size,)."""
+    """Steps y_i = (x_i - m) / sigma and |C^(-1/2) y_i|^2, the best individual first.
+
+    The shapes are (size, dim) and (size,).
+    """
     dim, size = state.mean.size, rank.size
     y, squares, z = np.empty((size, dim)), np.empty(size), np.empty(dim)
     for i in range(size):
@@ -269,7 +272,10 @@ def steps(state: CMAESState, rank: Count) -> tuple[Array, Array]:
 
 @kernel
 def whiten(state: CMAESState, y: Array, z: Array) -> None:
-    """Fill z with D^-1 B' y, which is as long as C^(-1/2) y; both of shape (dim,)."""
+    """Fill z with D^-1 B' y, which is as long as C^(-1/2) y; C = B D^2 B'.
+
+    Both vectors have the shape (dim,).
+    """
     z[:] = 0.0
     for d in range(y.size):
         for k in range(y.size):

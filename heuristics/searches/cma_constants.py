@@ -87,7 +87,8 @@ def constants_of(dim: int, size: int) -> Constants:
 def weights_of(dim: int, size: int, constants: Constants) -> Array:
     """Weights w of the ranks, the best first, shape (size,); the worse half below 0.
 
-    The positive ones sum to 1, the negative ones to -min of (50), (51), (52).
+    The positive weights sum to 1, the negative ones to minus the least of the three
+    numbers (50), (51) and (52) of Hansen (2016).
     """
     weights = preliminary_weights(size)
     mu = size // 2

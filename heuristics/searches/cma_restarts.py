@@ -118,13 +118,13 @@ def write_record(
 def has_ended(
     order: RunningOrder, state: Distribution, size: int, sigma_0: float
 ) -> bool:
-    """Return whether any criterion of the module's docstring holds.
+    """Return whether any criterion for a restart holds.
 
     Args:
-        order: The order, for Stagnation.
+        order: The order of individuals; only the criterion Stagnation uses it.
         state: State of the algorithm; its age is that of the last column written.
         size: Number of individuals lambda of this generation.
-        sigma_0: Step size at the beginning.
+        sigma_0: Step size at the last start.
     """
     dim, age = state.mean.size, state.age[0]
     if age >= 100.0 + 50.0 * (dim + 3.0) ** 2 / math.sqrt(size):
@@ -170,7 +170,7 @@ def has_equal_values(state: Distribution, window: int) -> bool:
 
 @kernel
 def has_small_steps(state: Distribution, sigma_0: float) -> bool:
-    """TolX: all steps have become small."""
+    """TolX: all steps are below 1e-12 times the step size sigma_0 of the last start."""
     for d in range(state.mean.size):
         deviation = math.sqrt(max(state.covariance[d, d], 0.0))
         step = max(abs(state.path_c[d]), deviation) * state.sigma[0] / sigma_0
@@ -200,7 +200,15 @@ def is_stagnant(order: RunningOrder, state: Distribution, size: int) -> bool:
 def median_of(
     order: RunningOrder, state: Distribution, row: int, first: int, number: int
 ) -> tuple[float, float]:
-    """Return the median cost and violation of some recorded generations."""
+    """Return the median of a recorded cost, with its violation, over generations.
+
+    Args:
+        order: The order of individuals.
+        state: State of the algorithm.
+        row: Row of the cost in the record: BEST or MEDIAN.
+        first: Number of the first generation.
+        number: Number of generations.
+    """
     cost, violation = np.empty(number), np.empty(number)
     for k in range(number):
         column = (first + k) % state.record.shape[1]
@@ -212,7 +220,11 @@ def median_of(
 
 @kernel
 def has_no_effect(state: Distribution) -> bool:
-    """ConditionCov, NoEffectAxis and NoEffectCoord."""
+    """Return whether ConditionCov, NoEffectAxis or NoEffectCoord holds.
+
+    That is: C is ill-conditioned, or a small step along an axis of C or along a
+    coordinate leaves the mean unchanged by rounding.
+    """
     dim, sigma = state.mean.size, state.sigma[0]
     largest, least = np.max(state.lengths), np.min(state.lengths)
     # The lengths are the roots of the eigenvalues of C.

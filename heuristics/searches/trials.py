@@ -144,7 +144,7 @@ def cross_binomially(
 ) -> None:
     """Take each coordinate from the mutant with probability CR.
 
-    One random coordinate of a variable that is not fixed is taken in any case.
+    One coordinate, drawn among those that are not fixed, is taken in any case.
 
     Args:
         rng: Source of randomness.

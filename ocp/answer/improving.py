@@ -102,7 +102,9 @@ def improved(
     repair: bool,
     rng: np.random.Generator,
 ) -> Iterator[Solution]:
-    """Yield a plan verified, then the result of each improvement; the last is the best.
+    """Yield the verified answer of a plan, then the answer after each improvement.
+
+    The last one is the best.
 
     Args:
         planner: The problem's planner.
@@ -168,7 +170,8 @@ class Settled(NamedTuple):
 
     Attributes:
         plan: The plan, or a better one that a restart found.
-        is_settled: Whether no perturbed start improves it.
+        is_settled: Whether the plan counts as a local optimum: its curvature is
+            positive, or it is flat and enough perturbed starts found nothing better.
         restarts: Report on the restarts; None: no restart was needed or possible.
     """
 
@@ -185,7 +188,9 @@ def settled(
     *,
     rng: np.random.Generator,
 ) -> Settled:
-    """Return a plan that no perturbed start improves, and whether that is certain.
+    """Replace a plan by better ones from perturbed starts, as long as there are any.
+
+    The result also says whether the last plan counts as a local optimum.
 
     Args:
         planner: The planner whose polish ended at the plan.

@@ -47,9 +47,10 @@ def kept_planner(
     lanes: int = 0,
     threads: int | None = 1,
 ) -> Iterator[Planner]:
-    """Lend a planner, which an earlier call with the same settings may have made.
+    """Lend a planner: one that was kept after an earlier call, or else a new one.
 
-    A planner whose use ended with an exception is not kept.
+    At the end of the context the planner is kept for the next call with the same
+    settings, unless there was an exception.
 
     Args:
         problem: The problem.

@@ -47,8 +47,8 @@ def multistart(  # noqa: PLR0913 - a whole solver in one call
     Args:
         planner: Planner of the problem, with a polish; its search is not used.
         x0: Initial state, shape (nx,), of the problem as it is stated.
-        budget: Budget as for a search; checked after each start. Its stagnation is a
-            number of starts.
+        budget: Budget as for a search; checked after each start. Its `stagnation` is
+            the number of starts in a row that may find nothing better.
         known: Values of the parameters and signals.
         family: Family of trajectories to draw the points from; None: control sequences.
         rng: Source of all randomness.

@@ -153,8 +153,9 @@ class Plan:
         relaxed_cost: Cost of a local optimum without the requirement of whole numbers;
             NaN: not known.
         ends: States between the intervals, shape (nx, N + 1), of a plan that is judged
-            interval by interval (`Polished.ends`); None: the plan is judged by its
-            roll-out.
+            interval by interval, each from its own state: deviations grow so much that
+            no roll-out over the whole horizon confirms it. None: the plan is judged by
+            its roll-out.
         start: Initial state of a plan whose states are not stored; None if they are.
         starts: Report on all starts of the polish; None if there was only one.
         duals: Multipliers of a plan whose point is not stored; None if the point is

@@ -301,11 +301,13 @@ class Planner(Called):
         return other
 
     def in_time(self) -> Planner:
-        """Return the same planner without lanes, so that a deadline can stop it.
+        """Return the same planner without starts in lanes, so that it can be stopped.
+
+        It then stops at a deadline, `within` in `RecedingHorizon`.
 
         Raises:
-            InvalidProblemError: If its search solves in lanes, or the solver of its
-                polish cannot be stopped.
+            InvalidProblemError: If the search itself is a solve in lanes, or the solver
+                of the polish cannot be stopped.
         """
         if self._lane_search is not None and self._lane_search.uses_lanes:
             raise InvalidProblemError(
@@ -353,8 +355,8 @@ class Planner(Called):
     def prepare(self) -> None:
         """Build and compile in advance what plans need.
 
-        The kernels of a search are compiled at its first use on a machine in any case,
-        and so is an NLP whose steps are chosen for each guess.
+        Left for the first use are the kernels of a search, if they were never compiled
+        on this machine, and an NLP whose steps are chosen for each guess.
         """
         self.fitness.prepare()
         if self.polisher is not None:
@@ -477,10 +479,11 @@ class Planner(Called):
             candidates: Further controls that the search evaluates, shape (nu, N, k),
                 clipped to the bounds; None: no candidates. They come first in its first
                 population.
-            near: Whether the guess is an earlier answer, which a polish without a
-                search stays near. In this case the plan is made without search and
-                lanes, unless the polish fails or the search has `when="always"`
-                (docs/answers.md, "Closed loop: one warm polish a step").
+            near: Whether the guess is an earlier answer. Then the plan is made by a
+                polish that stays near the guess, without search and lanes, unless the
+                polish fails, the cost has jumped since, or the search has
+                `when="always"` (docs/answers.md, "Closed loop: one warm polish a
+                step").
             last_cost: Cost of the earlier answer; None if not known.
             in_loop: Whether later plans will start from this one. Then this plan is
                 also made without search and lanes, and the better plan is kept.

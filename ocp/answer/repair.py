@@ -1,9 +1,9 @@
-"""Repair: an answer that breaks a constraint between checks is solved with a margin.
+"""Repair: a new solve with a margin, if an answer breaks a constraint between checks.
 
-The constraint is tightened by the measured excess, and the problem is solved again from
-the answer. The measured excess is that of the path (path.py). For a separation along
-segments it is also the amount by which the straight lines between the checks come too
-near, since an NLP sees the checks only.
+The constraint is tightened by the measured excess, and the problem is solved from the
+answer. The excess is measured along the path (path.py). For a separation along
+segments, a second excess is measured: how much the straight lines between the checks
+come too near, since an NLP sees the checks only.
 """
 
 import math
@@ -62,7 +62,8 @@ def hurried(
 
     A margin moves the points that the NLP sees; the path between them follows only by a
     fraction c. The excesses of one constraint row in two answers give c, and thus the
-    remaining margin (the secant method). Later attempts add an extra factor.
+    remaining margin (the secant method). It is multiplied by a factor that is 1 in the
+    first attempt and grows with each further one.
 
     Args:
         excesses: Excesses of the last answer.
@@ -123,13 +124,17 @@ def added(
 ) -> dict[Place, Excess]:
     """Return the margins of each row: the earlier ones plus the measured excesses.
 
+    If the slack of a row is larger than its earlier margin, it takes the place of this
+    margin in the sum. With more checks than before all margins become smaller.
+
     Args:
         margins: Margins of the last attempt.
         excesses: Excesses of the answer that was found with these margins.
         slack: Smallest distance of each row to its limits at the checks, from
             `slack_at_checks`.
-        coarser: Number of checks of the last attempt divided by that of the next one;
-            an excess between checks falls with the square of their distance.
+        coarser: Number of checks of the last attempt divided by that of the next one.
+            Its square multiplies the margins, since an excess between checks falls
+            with the square of their distance.
     """
     found = dict(margins)
     for excess in excesses:
@@ -214,7 +219,8 @@ def with_more_checks(
 def at_points(problem: OptimalControlProblem) -> OptimalControlProblem:
     """Return a problem in which each `Separation` is measured at the checks only.
 
-    Its margin is then `smooth_margin`, that of the NLP, which sees these points only.
+    The `margin` of the `Separation` is replaced by its `smooth_margin`, the one that
+    the NLP uses, since the NLP sees these points only.
     """
     return replace(
         problem,

@@ -835,7 +835,9 @@ def allowed_ends(
 def end_differences(
     problem: OptimalControlProblem, plan: Plan, path: Path
 ) -> tuple[Array, Array]:
-    """Return how far each state ends from the plan's end state, and the state's scale.
+    """Return how far each end state of the finer path is from the plan's.
+
+    The states' scales are returned, too.
 
     For a plan that is judged interval by interval, the differences of all intervals are
     added.

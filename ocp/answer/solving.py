@@ -166,8 +166,9 @@ def solve(  # noqa: PLR0913 - the whole way in one call
         backend: Backend that evaluates populations: "llvm" (machine code), "casadi" or
             "auto"; None asks SWARMSTART_BACKEND, then auto (docs/evaluator.md, "Choose
             the evaluator").
-        bound: Work to prove a lower bound of the optimal cost with `lower_bound`, after
-            the answer is found, in units of about a second; None: no bound.
+        bound: Budget to prove a lower bound of the optimal cost once the answer is
+            found, the `work` of `lower_bound`, in units of about a second; None: no
+            bound.
         rng: Source of all randomness; either this or a seed.
         seed: Seed of a new generator.
         progress: True: shown on a terminal and in a notebook if it takes more than two

@@ -83,7 +83,7 @@ def _folded(text: str) -> str:
 
 
 def as_symbolic_column(role: str, expression: ca.SX) -> ca.SX:
-    """Return an expression as one column; MX stays MX, a problem converts it to SX.
+    """Return an expression as one column; MX stays MX, for a problem to convert to SX.
 
     Raises:
         InvalidProblemError: If it is neither a vector nor a number.

@@ -10,7 +10,10 @@ PAGE = "docs/messages.md"
 
 
 class Paragraph(Enum):
-    """A paragraph of the page: its value is the anchor, `str` gives the address."""
+    """A paragraph that explains a message, on one page of the docs (docs/messages.md).
+
+    The value of a member is the paragraph's anchor; `str` gives its address.
+    """
 
     FEASIBLE = "feasible"
     NOT_POLISHED = "not-polished"

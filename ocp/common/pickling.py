@@ -2,7 +2,7 @@
 
 CasADi pickles an expression only within a context of its own, and compiled code cannot
 be pickled at all. So an object is pickled as what it was made of, and made again when
-it is loaded: it is validated, and without caches.
+it is loaded. It is then validated as any new object, and its caches are empty.
 
     Rebuilt     a dataclass: its class and its fields
     Expressed   a dataclass with expressions: as one string of bytes, in which all its
@@ -141,9 +141,10 @@ class _Pickler(pickle.Pickler):
         return number
 
     def reducer_override(self, thing: Any) -> Any:
-        """Return how to pickle an `Expressed` object together with those around it.
+        """Return how to pickle an `Expressed` object within a larger pickle.
 
-        It then has symbols in common with them. NotImplemented for any other object.
+        Its expressions are stored together with those of the other objects, so that
+        they keep their common symbols. NotImplemented for an object of another class.
         """
         # Not by its own bytes: its symbols would differ from those around it.
         return Rebuilt.__reduce__(thing) if isinstance(thing, Expressed) else (

@@ -83,7 +83,7 @@ class _Copy:
         return bool(select.select([self.pipe], [], [], 0)[0])
 
     def read(self) -> bytes:
-        """Wait for the result, if one is expected."""
+        """Wait until the process has ended; return the bytes that it has written."""
         parts = []
         while part := os.read(self.pipe, _PART):
             parts.append(part)
@@ -99,7 +99,9 @@ class _Copy:
 
 
 class Ahead(Generic[T]):
-    """Results of calls, in their order; some are made ahead by copies of the process.
+    """Results of calls, in the order of the calls.
+
+    Copies of this process, made by `fork`, make some of the calls ahead of their turn.
 
     Use as a context, which stops the copies that are left at its end.
     """
@@ -146,11 +148,13 @@ class Ahead(Generic[T]):
         return map(self.result, range(len(self._calls)))
 
     def result(self, number: int) -> T:
-        """Return the result of a call; make other calls until its copy has finished.
+        """Return the result of a call.
+
+        While a copy of this process still makes the call, this process makes others.
 
         Args:
-            number: Number of the call, larger than that of the last result. The calls
-                between them are left out.
+            number: Number of the call, larger than that of the last result. Calls with
+                numbers between these two are left out.
         """
         self._leave_out(number)
         while number not in self._made:

@@ -1,8 +1,8 @@
 """LLVM IR of a tape: the population as vectors, the horizon as a loop.
 
-A tape is the list of a function's operations. Its code is flat or rolled. Rolled code
-is one stage in a loop over the intervals of a horizon, so that neither code nor build
-time grow with the horizon. frame.py describes what a kernel reads and writes.
+A tape is the list of a function's operations. Its code is flat (every operation once)
+or rolled: one stage in a loop over the intervals of a horizon, so that neither code nor
+build time grow with the horizon. frame.py describes what a kernel reads and writes.
 
 The tape is simplified first: multiples of one value in a sum are merged. CasADi keeps
 sums as they are written: the classical Runge-Kutta step of a constant rate k is
@@ -33,8 +33,8 @@ class Ticks:
     Attributes:
         tick: Function (z, u, p, s) -> z after one trial step, with controls u,
             parameters p, and signals s at two checks, one after the other. z is (y,
-            largest |y| so far, part of the time left, step size h), with y the states
-            and the integrals.
+            largest |y| so far, time left, step size h), with y the states and the
+            integrals; time left and h are fractions of the time between two checks.
         checks: Number of checks in an interval.
         first: Step size h at the beginning of an interval.
         most: Largest number of trial steps between two checks.
@@ -58,11 +58,11 @@ class Roll:
         end: (x, p, s) -> (cost, violation), s at the last node.
         intervals: Number of intervals N.
         signals_per_interval: Offset to the signals of the next interval, ns * checks.
-        decided: For each state the row of its initial value if this is decided, counted
-            after the controls; None if it starts at x0.
+        decided: For each state, None if it starts at x0. If its initial value is
+            decided: the number of this value among the decisions after the controls.
         begin: (x, p, s) -> (cost, violation) at the start, s at the first node; None if
             nothing is added there.
-        ticks: The steps of an interval; None if they are in the stage.
+        ticks: Steps of adaptive length; None if the stage contains the integrator.
     """
 
     stage: Tape
@@ -319,8 +319,9 @@ def repeated_functions(stage: Tape) -> list[tuple[int, int, int]]:
         stage: Tape of (x, ...) -> (x after, ...).
 
     Returns:
-        For each such function: entry of the state; number of the function of this entry
-        before the stage; number of the same function of this entry after the stage.
+        For each such function: the number of a state; the tape's node that is the
+        function of this state before the stage; the node that is the same function of
+        this state after the stage.
     """
     places = {
         (node.operation, node.arguments[0]): number

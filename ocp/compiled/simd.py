@@ -223,7 +223,7 @@ class SimdBatch:
         return split(InPlace(self, size)(arguments), self.shape.outputs)
 
     def is_small(self, arguments: Sequence[Array]) -> bool:
-        """Return whether copying the arguments costs less than locating them."""
+        """Return whether arguments are so small that copying them is the faster way."""
         return sum(a.size for a in arguments) <= _COPIED
 
     def _require(self, shapes: Shapes, size: int) -> None:
@@ -444,8 +444,9 @@ class Ticking:
 
     Attributes:
         tick: Function (z, u, p, s) -> z after one trial step, with controls u,
-            parameters p, and signals s at two checks. z is (y, largest |y| so far, part
-            of the time left, step size h), with y the states and the integrals.
+            parameters p, and signals s at two checks. z is (y, largest |y| so far, time
+            left, step size h), with y the states and the integrals; time left and h are
+            fractions of the time between two checks.
         checks: Number of checks in an interval.
         first: Step size h at the beginning of an interval.
         most: Largest number of trial steps between two checks.

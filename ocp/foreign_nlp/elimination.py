@@ -147,7 +147,8 @@ def eliminated(
     Args:
         nlp: The NLP.
         layouts: Possible arrangements of the states in time: indices in x, shape
-            (nx, times). The one that leaves the fewest states torn is chosen.
+            (nx, times). Chosen is the one with which all states can be eliminated and
+            the fewest have to stay variables.
         equalities: Numbers of the rows with equal bounds.
 
     Returns:

@@ -45,15 +45,20 @@ divided by this factor and multiplied by it."""
 class RollOut:
     """NLP as functions of the search's variables z.
 
-    free = clip(spread @ z, lower, upper)
+    The variables that remain after the elimination of states are
+
+        clip(spread @ z, lower, upper)
+
+    with lower and upper their bounds.
 
     Attributes:
         found: The NLP with its states eliminated.
         evaluate: Function (z, p, lower bounds of g, limits of the remaining rows and of
             the remaining variables) -> (cost, violation).
         spread: Matrix from z to the remaining variables, shape (nf, nz).
-        sequences: For each control over time, or single variable: times of its knots,
-            times of its remaining variables, and their indices in x.
+        sequences: For each control, and for each remaining variable that belongs to no
+            control: the times of its knots, the times of its remaining variables, and
+            the indices of these variables in x. A single variable has one time.
     """
 
     found: Elimination

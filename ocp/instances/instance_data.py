@@ -122,7 +122,7 @@ def read_data(
 
     Args:
         problem: The problem as it is stated.
-        x0s: Shape (nx, M); of an ensemble, a member's states are enough.
+        x0s: Shape (nx, M); for an ensemble, the states of one member are enough.
         known: Parameters and signals; see `solve_many`.
         guesses: Controls for all instances or for each one; None: no guesses.
 
@@ -374,7 +374,9 @@ def _outside(planner: Planner, instances: Instances) -> dict[int, str]:
 
 
 def order_of(rows: Array) -> NDArray[np.int64]:
-    """Return the order of columns by their values, the first row first.
+    """Return the numbers of the columns, sorted by the values in their first row.
+
+    Columns with the same value there are sorted by the next rows.
 
     Args:
         rows: Shape (rows, n).

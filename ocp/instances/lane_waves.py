@@ -76,16 +76,19 @@ class LaneWaves:
         self._amounts, self._left = Amounts(), _TIGHTENED
 
     def __call__(self, count: int | None) -> int:
-        """Solve all instances; return at how many drawn ones other starts did not help.
+        """Solve all instances; return the size of the sample that spared them starts.
 
-        All instances are solved from the first start; those that fail, and some drawn
-        at random, are solved from the other starts, too. If these find nothing cheaper
-        at the instances drawn last, the remaining instances are spared the other
-        starts. The result is then the number of the instances drawn last that had a
-        confirmed answer before. 0: no start was left out in this way.
+        With a count, all instances are solved from so many starts. Without one, all are
+        solved from the first start; those that fail, and some drawn at random, are
+        solved from the other starts, too. If these find nothing cheaper at the
+        instances drawn last, the remaining instances are not solved from them.
 
         Args:
             count: Number of starts of each instance; None: as in `solve_many`.
+
+        Returns:
+            Number of the instances drawn last that had a confirmed answer before; 0 if
+            no start was left out in this way.
         """
         work, starts = self._work, self._starts(count or _STARTS)
         first = count or 1

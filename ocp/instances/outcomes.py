@@ -1,8 +1,8 @@
 """Answers to instances of a rewritten problem (core), in arrays, a column for each.
 
 An answer replaces an earlier one if it is confirmed on the finer path (the same
-controls with ten times as many integration steps) and the earlier one is not, or if
-neither is confirmed and it is better by (violation, cost).
+controls with ten times as many integration steps) and the earlier one is not. If both
+are confirmed, or neither is, it does so if it is better by (violation, cost).
 """
 
 from collections.abc import Sequence

@@ -83,12 +83,12 @@ class Solutions(Presenting):
         data: Initial states, parameters and signals of all instances.
         solver: Solver of each answer, shape (M,): "lanes", or the name of the NLP
             solver; empty without an answer.
-        start: Start that led to each answer, shape (M,): "guess", the guess, or the
-            starts of `solve` without a guess, or, in the lanes, any start listed under
-            `starts` in `solve_many`; "own answer", an earlier answer of the instance,
-            which broke a limit between the checks; "neighbour", the answer of another
-            instance; "random", random controls for the NLP solver; empty without an
-            answer.
+        start: Start that led to each answer, shape (M,). "guess": in the lanes, any
+            start listed under `starts` in `solve_many`; for the NLP solver, the guess,
+            or without one the starts that `solve` takes. "own answer": an earlier
+            answer of the instance that was not confirmed on the finer path.
+            "neighbour": the answer of another instance. "random": random controls for
+            the NLP solver. Empty without an answer.
         attempts: Number of solves of each instance, shape (M,).
         sampled: Number of instances, drawn at random, at which the starts in lanes
             after the first one found nothing cheaper. So these starts were left out at
@@ -199,7 +199,10 @@ class Solutions(Presenting):
 
     @property
     def times(self) -> Array:
-        """Times of the nodes, shape (nodes,) [s]; fractions if the end is decided."""
+        """Times of the nodes, shape (nodes,) [s].
+
+        If the end time is decided, they are fractions of the end time.
+        """
         core = self._lowered.core
         return core.times
 
@@ -357,8 +360,8 @@ class Solutions(Presenting):
     def to_dataframe(self) -> pd.DataFrame:
         """Return a pandas DataFrame: one row per instance.
 
-        Initial states, parameters, status, solver, start, costs, violation, excess, end
-        difference, attempts, iterations and decisions.
+        Its columns are initial states, parameters, status, solver, start, costs,
+        violation, excess, end difference, attempts, iterations and decisions.
 
         Raises:
             MissingPackageError: If pandas is not installed.
@@ -462,7 +465,9 @@ class SolveManyInterrupted(Sendable, KeyboardInterrupt):
 def counted_near(
     problem: OptimalControlProblem, data: InstanceData
 ) -> OptimalControlProblem:
-    """Return a problem with a typical start subtracted from states far from zero.
+    """Return the problem with large states measured from values near a typical start.
+
+    A state is large if it starts far from zero, compared with its natural size.
 
     Args:
         problem: The problem.

@@ -1,11 +1,11 @@
 """Waves: many instances of one problem solved in lanes, then one by one.
 
 The lanes solve what they can (lane_waves.py). Instances without a confirmed answer are
-then solved by an NLP solver, one by one: first from an instance's own answer that was
-not confirmed, or else from the guess; then from the answers to similar instances; then
-from random controls. If the NLP solver's answer from the instance's own one, too, has
-another cost or end on the finer grid, the problem's grid is too coarse, and no start
-changes that.
+then solved by an NLP solver, one by one: first from their own answers, if the lanes
+found one that is not confirmed; then from the guess; then from the answers to similar
+instances; then from random controls. If after the first of these solves the cost or the
+end of an instance's answer differs on the finer grid, the problem's grid is too coarse.
+No start changes that, so such an instance is not solved again.
 """
 
 from collections.abc import Sequence

@@ -75,9 +75,10 @@ class Work:
         """Solve some instances and keep the better answers, group by group.
 
         Args:
-            solve: Function that solves instances.
-            chosen: Numbers of these instances.
-            words: The solver, and the kind of the starts.
+            solve: Function (numbers of instances) -> groups of answers to them.
+            chosen: Numbers of the instances to solve.
+            words: Name of the solver, and the kind of the starts in the words of
+                `Solutions.start`, such as "guess".
         """
         solver, start = words
         what = "solving" if start == "guess" else f"again: {start}"

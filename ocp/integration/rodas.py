@@ -177,8 +177,10 @@ class Factors:
 
     Attributes:
         order: Rows, in the order of elimination.
-        lower: For each of these rows, [(row, element of L in its column)].
-        upper: For each of these rows, [(column, element of U in its row)].
+        lower: For each of these rows as pivot row, the nonzeros of L in the pivot's
+            column, as pairs (row, element).
+        upper: For each of these rows, the nonzeros of U in it, without the pivot, as
+            pairs (column, element).
         inverse: For each of these rows, 1 / pivot.
     """
 

@@ -6,8 +6,10 @@ with B-splines B_i on given knots. The piece is selected by comparisons with all
 so that a whole population runs through the same machine code:
 
 - degree 1: the increments of all intervals, each up to the position of x,
-  s(x) = y_0 + sum_i s_i (min(x, x_i+1) - min(x, x_i)); min has a kink, as a knot has;
-- other degrees, one argument: the polynomial whose coefficients x < knot selects;
+  s(x) = y_0 + sum_i s_i (min(x, x_i+1) - min(x, x_i)), with y_0 the value at the first
+  knot and s_i the slopes; min has a kink, as a knot has;
+- other degrees, one argument: the polynomial of the piece that contains x, whose
+  coefficients are selected by the comparisons x < knot;
 - other degrees, two arguments: the recursion of Cox and de Boor.
 
 Source: de Boor (2001), A Practical Guide to Splines, chapters IX, X and XVII.

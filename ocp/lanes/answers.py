@@ -151,8 +151,8 @@ def distinct_optima(
         answers: Answers of lanes.
         stand_for: Number of answers that each given one represents, shape (n,), if only
             the best of earlier answers were kept; None: each represents itself.
-        shown: Whether an optimum is left out if none of its answers is shown to meet
-            the conditions of a local optimum.
+        shown: Whether to leave out each optimum of which no answer is shown to meet the
+            conditions of a local optimum.
     """
     each = np.ones(answers.cost.size, np.int64) if stand_for is None else stand_for
     number = optimum_of(answers)
@@ -215,7 +215,9 @@ def unreached(answers: LaneAnswers) -> tuple[int, int]:
 
 
 def paths(answers: LaneAnswers, cheapest: int) -> Array:
-    """Return the paths of answers, a row each, scaled by the moves of the cheapest one.
+    """Return the states of answers along their paths, a row for each answer.
+
+    Each state is divided by the range that it covers in the cheapest answer.
 
     Args:
         answers: Answers of lanes.

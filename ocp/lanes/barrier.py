@@ -201,15 +201,15 @@ class Eliminated(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Walls:
-    """The bounds and rows of a part of a problem.
+    """The bounds and rows of a part of a problem: an interval, the end or the start.
 
     The variables v with bounds are, in order: the part's own ones, slacks, elastic
     variables p, elastic variables n.
 
     Attributes:
         rows: The rows c, a column.
-        lower: Lower limits of the rows, widened.
-        upper: Upper limits of the rows, widened; those of `kinds.equal` are exact.
+        lower: Lower limits of the rows, widened a little, except in `kinds.equal`.
+        upper: Upper limits of the rows, widened in the same way.
         kinds: The kinds of the rows.
         own: Bounds of the part's own variables.
     """
@@ -325,7 +325,13 @@ class Walls:
         return Eliminated(weight, weight * off)
 
     def steps(self, S: ca.SX, slope: ca.SX, m: ca.SX) -> ca.SX:
-        """Return the steps of slacks and elastic variables for given multipliers."""
+        """Return the steps of slacks and elastic variables.
+
+        Args:
+            S: As in `eliminated`.
+            slope: As in `eliminated`.
+            m: Multipliers of the rows after the step.
+        """
         columns = self._parts(S), self._parts(slope), self._parts(self.pressure(m))
         found = [
             -(g + force) / stiff

@@ -61,7 +61,7 @@ def placed(names: Sequence[str], sizes: Mapping[str, int]) -> Layout:
 def kernel_sizes(kernels: Sequence[Kernel]) -> dict[str, int]:
     """Return the number of rows of each name that kernels read or write.
 
-    A name x whose new value is "next.x" is among them.
+    If "next.x", the new value of a name x, is among them, so is x.
     """
     sizes: dict[str, int] = {}
     for kernel in kernels:

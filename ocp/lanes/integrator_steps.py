@@ -54,8 +54,8 @@ def integrator_steps(shooting: Shooting, program: NonlinearProgram) -> Integrato
     """Return the steps of an interval.
 
     Raises:
-        NoLanesError: If the model is in discrete time, constraints count within an
-            interval, or the integrator has no derivatives for lanes.
+        NoLanesError: If the model is in discrete time, constraints have to hold within
+            an interval, or the integrator has no derivatives for lanes.
     """
     problem, part = shooting.problem, program.parts.interval
     inside = [at for at in part.rows.at if at not in (0, problem.checks)]

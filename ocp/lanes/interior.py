@@ -343,7 +343,7 @@ class _Made:
 
 
 def has_limits(places: Places) -> bool:
-    """Return whether there are rows, or bounds of states."""
+    """Return whether a problem has rows with limits, or bounds of states."""
     nx, parts = places.nx, (places.interval, places.end, places.begin)
     bounded = any(entry < nx for entry in places.interval.walls.own.of)
     return bounded or any(part.walls.height for part in parts)

@@ -179,13 +179,13 @@ class _Maker:
         self._gap = interval.after - self._xa
 
     def of_ends(self, lane: Named, writes: Named) -> Written:
-        """Return a kernel of a lane at both ends."""
+        """Return a kernel without intervals, with the given numbers of both ends."""
         return self._flat(
             {**self._places.end.known, **self._places.begin.known}, lane, writes
         )
 
     def flat(self, place: Place, lane: Named, writes: Named) -> Written:
-        """Return a kernel of a lane at an end."""
+        """Return a kernel without intervals that uses the given numbers of an end."""
         return self._flat(place.known, lane, writes)
 
     def _flat(self, known: Named, lane: Named, writes: Named) -> Written:
@@ -222,7 +222,7 @@ class _Maker:
         )  # fmt: skip
 
     def first(self) -> Written:
-        """Return the kernel of decisions moved inside their bounds."""
+        """Return the kernel that moves the decided initial states inside bounds."""
         begin = self._places.begin
         lane = symbols(fixed=self._nx, mu=1, rho=1)
         y = _pushed(begin, begin.own)
@@ -242,7 +242,7 @@ class _Maker:
         return {f"{place.name}.w": w, f"{place.name}.z": z}
 
     def prepare(self) -> Written:
-        """Return the kernel of states and controls inside their bounds.
+        """Return the kernel that makes a start's states and controls, inside bounds.
 
         A lane whose `rolled` is set takes the states that its controls lead to; a state
         is replaced by x0 (`home`) if it, or the state one interval later, has an entry
@@ -275,7 +275,7 @@ class _Maker:
         return self._scan(carried, each, lane, writes)
 
     def settle(self) -> Written:
-        """Return the kernel of given states and controls moved inside their bounds."""
+        """Return the kernel that moves given states and controls inside bounds."""
         interval = self._places.interval
         lane = symbols(mu=1, rho=1)
         start = _pushed(interval, interval.own)
@@ -290,7 +290,7 @@ class _Maker:
         return self._scan({"x0": interval.x}, each, lane, self._at_trial(writes))
 
     def finish(self) -> Written:
-        """Return the kernel of the first values at the end, and of the cost's size."""
+        """Return the kernel of first slacks and duals at the end, and of cost size."""
         end, lane = self._places.end, symbols(mu=1, rho=1)
         writes = self._begun(end, end.own, lane["mu"], lane["rho"])
         so_far = symbols(spent=1, steep=1)
@@ -299,14 +299,18 @@ class _Maker:
         return self.flat(end, {"end": end.x, **so_far, **lane}, writes)
 
     def last(self) -> Written:
-        """Return the kernel of the value at the end, where `backward` begins."""
+        """Return the kernel of derivatives at the end, from which `backward` begins.
+
+        They are the gradient and the second derivatives of the end's cost, with rows
+        and barriers, by the state.
+        """
         end, lane = self._places.end, symbols(mu=1, rho=1, delta=1)
         Q, q = quadratic(end, folded(end, *lane.values()), ca.SX(0))
         writes = {"slope": q, "bend": lower(Q)}
         return self.flat(end, {"end": end.x, **of_lane(end), **lane}, writes)
 
     def backward(self) -> Written:
-        """Return the kernel of the recursion from the end to the start."""
+        """Return the kernel of the Riccati recursion, from the end to the start."""
         interval, nx = self._places.interval, self._nx
         nu = interval.u.numel()
         carried = symbols(slope=nx, bend=len(triangle(nx)), nothing=1)
@@ -336,7 +340,7 @@ class _Maker:
         return self._scan(carried, each, lane, writes, backward=True)
 
     def start(self) -> Written:
-        """Return the kernel of the step of the decisions about the start."""
+        """Return the kernel that computes the step of the decisions about the start."""
         begin, nx, tied = self._places.begin, self._nx, self._places.tied
         lane = symbols(mu=1, rho=1, delta=1)
         carried = symbols(
@@ -359,7 +363,7 @@ class _Maker:
         return self.flat(begin, reads, _at(begin, writes, x0))
 
     def along(self) -> Written:
-        """Return the kernel of the step from the start to the end."""
+        """Return the kernel that computes the steps of all intervals, in order."""
         interval, nx = self._places.interval, self._nx
         nu = interval.u.numel()
         carried = symbols(**{
@@ -388,7 +392,7 @@ class _Maker:
         return self._scan(carried, each, lane, writes)
 
     def move(self) -> Written:
-        """Return the kernel of the start of a trial."""
+        """Return the kernel that computes the initial state of a trial point."""
         y = self._places.begin.own
         lane = symbols(**{
             "y": y.numel(), "d.y": y.numel(), "fixed": self._nx, "alpha": 1,
@@ -398,7 +402,7 @@ class _Maker:
         return written_flat(lane, {}, writes)
 
     def trial(self) -> Written:
-        """Return the kernel of the measures of a trial point."""
+        """Return the kernel that computes the measures of a trial point."""
         interval, nx = self._places.interval, self._nx
         pending, before, sums, tops, begun = symbols(
             pending=nx, before=nx, sums=len(SUMS), tops=len(TOPS), begun=1

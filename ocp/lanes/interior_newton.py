@@ -18,7 +18,9 @@ TOPS = ("dual", "primal", "gap", "pressure", "excess")
 
 
 class Folded(NamedTuple):
-    """A part with its slacks and elastic variables eliminated from Newton's step.
+    """An interval, the end or the start, without its slacks and elastic variables.
+
+    These are eliminated from Newton's step.
 
     Attributes:
         S: Of each variable with bounds, the sum of z / d over its bounds (z: dual, d:
@@ -68,7 +70,7 @@ def quadratic(place: Place, part: Folded, more: ca.SX) -> tuple[ca.SX, ca.SX]:
 
 
 class Lengths(NamedTuple):
-    """Change of the barrier's value along Newton's step, and how much of it is allowed.
+    """Change of the barrier's value along Newton's step, and the allowed step lengths.
 
     Attributes:
         gain: Directional derivative of the barrier's value.
@@ -169,7 +171,10 @@ def measured(place: Place, rho: ca.SX, dual: ca.SX, own: ca.SX, gap: ca.SX) -> M
 
 
 def forces(place: Place, more: ca.SX) -> ca.SX:
-    """Return the gradient of cost, rows and other terms by state and controls."""
+    """Return the gradient of a part's Lagrangian by state and controls.
+
+    The Lagrangian is the cost, plus the rows times their multipliers, plus `more`.
+    """
     return ca.gradient(
         place.cost + ca.dot(place.kept["m"], place.walls.rows) + more, place.z
     )

@@ -22,15 +22,16 @@ class NoLanesError(Exception):
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Posed:
-    """A problem from one initial state, in the NLP's numbers.
+    """A problem with one initial state, in the scaled numbers of its NLP.
 
     Attributes:
         intervals: Number N of intervals.
         sizes: Sizes that numbers are divided by.
-        x0: Initial state, without its decided entries, shape (nx,).
+        x0: Initial state, with a guess of its decided entries, shape (nx,).
         tied: Matrix, shape (nx, ny): entry (i, j) is 1 if state i starts at decision j,
             else 0.
-        least: Lower bounds of controls and excesses, shape (nu,).
+        least: Lower bounds of an interval's variables besides its state, the controls
+            and the ne excesses over soft constraints, shape (nu + ne,).
         most: Upper bounds, same shape.
         first_least: Lower bounds of the decisions about the start, shape (ny,).
         first_most: Upper bounds, same shape.
@@ -69,7 +70,11 @@ class Posed:
         return self.first_least[:, None], self.first_most[:, None]
 
     def scaled(self, controls: Array) -> Array:
-        """Return controls (nu, N, n) in the form of lanes (N nu, n); excesses are 0."""
+        """Return controls (nu, N, n) in the form of lanes, (N (nu + ne), n).
+
+        Each interval has ne excesses over soft constraints after its controls; they
+        are set to 0.
+        """
         nu, N, n = controls.shape
         rows = np.zeros((N, self.least.size, n))
         rows[:, :nu] = np.moveaxis(controls, 1, 0) / self.sizes.controls[:nu, None]
@@ -84,7 +89,7 @@ class Posed:
         return np.concatenate([np.moveaxis(rows, 0, 1), end[:, None]], axis=1)
 
     def controls(self, lanes: Array) -> Array:
-        """Return controls (nu, N, n) from the form of lanes (N nu, n)."""
+        """Return controls (nu, N, n) from the form of lanes, as `scaled` makes it."""
         nu, n = self.sizes.controls.size, lanes.shape[1]
         rows = lanes.reshape(self.intervals, self.least.size, n)[:, :nu]
         return np.moveaxis(rows, 0, 1) * self.sizes.controls[:, None, None]
@@ -96,11 +101,11 @@ def posed(
     x0: ArrayLike,
     known: Known,
 ) -> Posed:
-    """Return a problem from one initial state, in the NLP's numbers.
+    """Return a problem with one initial state, in the scaled numbers of its NLP.
 
     Args:
         program: NLP of the problem.
-        arguments: Arguments from which its sizes are made.
+        arguments: Object that computes the sizes from x0 and `known`.
         x0: Initial state, shape (nx,), with a guess of its decided entries.
         known: Values of the parameters and signals.
 

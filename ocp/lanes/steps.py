@@ -56,8 +56,9 @@ def are_short(shooting: Shooting, longest: int) -> bool:
 def is_divisible(problem: OptimalControlProblem) -> bool:
     """Return whether each step of a problem can be an interval of its own in lanes.
 
-    Costs must be integrals, since sums have a term for each interval; and controls must
-    be bounded, since only bounds lead controls without an effect to their middle.
+    Costs must be integrals, since sums have a term for each interval. Controls must be
+    bounded: those of some short intervals have no effect, and without the barrier of
+    their bounds, which moves them to the middle, they would be undetermined.
     """
     model = problem.model
     return (
@@ -129,7 +130,10 @@ class Steps:
         return np.concatenate([starts, controls[:, 0]])
 
     def states(self, controls: Array, states: Array) -> Array:
-        """Return states after each step, linear in between, and the held controls."""
+        """Return states after each step, with the held controls as further rows.
+
+        Within a stated interval the states are linear.
+        """
         N = controls.shape[1]
         at = np.arange(N * self.each + 1) / self.each
         left = np.minimum(at.astype(int), N - 1)

@@ -101,8 +101,9 @@ class Decision:
         dt: Length of the coming interval [s], if the plan decides it; None: the
             controller's.
         is_last: Whether the run ends with the coming interval.
-        profile: Controls over the interval, if they are linear or the plan has other
-            intervals; None: the control is held.
+        profile: Controls over the interval, if they are linear, or if the next plan
+            follows after a `period` and not after one interval of this plan; None: the
+            control is held.
         decided: Parameters that the plan decides, by name.
         acting: Control that reaches the equations of a `Plant` over the interval, shape
             (nu,), if it differs from `control` because of a delay; None: `control`
@@ -415,7 +416,10 @@ class RecedingHorizon:
 
     @checked(refused, plan=of_kind(Plan, "a Plan"))
     def flown(self, plan: Plan) -> Array:
-        """Return the controls or knots of a plan, for one member of an ensemble."""
+        """Return the controls or knots of a plan that a plant receives.
+
+        If each member of an ensemble has controls of its own, they are the first one's.
+        """
         stated, lowered = self.planner.stated, self.planner.lowered
         return lowered.knots(plan.controls, plan.x0)[: stated.flown_controls]
 

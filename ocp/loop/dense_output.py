@@ -15,9 +15,9 @@ whereas a cubic, from the rates alone, is off by up to 4e-5 m.
 The smallest and the largest distance of two points a(s), b(s), 0 <= s <= 1, that move
 along such polynomials, with r = a - b, are found in two steps:
 
-1.  Pieces that cannot contain the extreme are excluded. With d the distance at the
-    ends, l the length of the chord of r, and e the largest distance of a point from
-    its chord,
+1.  Pieces that cannot contain the extreme are excluded. With d_0 and d_1 the values of
+    |r| at the two ends, l the length of the chord of r, and e_a and e_b the largest
+    distances of the two paths from their chords,
 
         (d_0 + d_1 - l) / 2 - e_a - e_b  <=  |r|  <=  max(d_0, d_1) + e_a + e_b
 
@@ -112,8 +112,8 @@ def interpolate(plant: Plant, trajectory: Trajectory) -> DenseOutput:
 
     The path of an external simulator is linear between its steps.
 
-    Only times, controls that the plant received, and dense states are used, so a saved
-    record is enough.
+    Of the trajectory only its times, the controls that the plant received, and the
+    dense states are used, so a saved record is enough.
 
     Args:
         plant: The plant of the run.
@@ -168,7 +168,7 @@ def interpolate(plant: Plant, trajectory: Trajectory) -> DenseOutput:
 
 @checked(refused, **_PAIRS)
 def smallest_distance(curves: Array, first: Indices, second: Indices) -> float:
-    """Return the smallest distance of any pair over all time.
+    """Return the smallest distance, over all time, of all given pairs of points.
 
     Args:
         curves: Bernstein coefficients of the points' coordinates, shape
@@ -196,7 +196,7 @@ def smallest_distance(curves: Array, first: Indices, second: Indices) -> float:
 
 @checked(refused, **_PAIRS)
 def largest_distance(curves: Array, first: Indices, second: Indices) -> float:
-    """Return the largest distance of any pair over all time; see `smallest_distance`.
+    """Return the largest distance of all given pairs; see `smallest_distance`.
 
     Example:
         >>> import numpy as np

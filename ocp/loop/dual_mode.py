@@ -185,8 +185,8 @@ class DualMode(Called):
             agent: Number of the agent.
 
         Returns:
-            du = -K e with the names of the agent's states and controls; see
-            `TerminalSet.linear_law`.
+            du = -K e, with e = x - x_ref and du = u - u_ref, and the names of the
+            agent's states and controls; see `TerminalSet.linear_law`.
         """
         model = self.team.agents[agent].controller.planner.stated.model
         return self.sets[agent].linear_law(
@@ -202,7 +202,10 @@ class DualMode(Called):
         *,
         rng: np.random.Generator,
     ) -> Decision:
-        """Return the linear laws' controls, or the team's decision; see Controller."""
+        """Return the linear laws' controls inside all sets, else the team's decision.
+
+        The arguments are those of a Controller.
+        """
         if not self.inside(time, state):
             return self.team.decide(time, state, previous, rng=rng)
 
@@ -261,22 +264,23 @@ def terminal_set_of(  # noqa: PLR0913 - what a design rests on, by name
     """Design a linear law for a problem at a reference, and certify its terminal set.
 
     Dynamics, bounds of controls and states, and dt are those of the problem. Inputs are
-    held over its control intervals. They are integrated in as many steps as the problem
-    takes, unless `options` says otherwise. The input at the reference is the one within
-    the bounds that keeps all states at rest, or gives them the stated velocity; if
-    there are several, one near the middle of the bounds. Costs and other constraints
-    are ignored: the user must check any constraint that cuts the set.
+    held over its control intervals. An interval is integrated in as many steps as the
+    problem takes, unless `options` says otherwise. The input at the reference is the
+    one within the bounds that keeps all states at rest, or gives them the stated
+    velocity; if several inputs do so, one near the middle of the bounds is taken. Costs
+    and other constraints are ignored: the user must check any constraint that cuts the
+    set.
 
     Args:
         problem: Problem with the dynamics, the bounds and dt.
         at: Reference state, shape (nx,), SI units.
         weights: Weights Q and R per step, and kappa, as `Weights` explains.
-        velocity: Velocity of a reference that moves, shape (nx,), per second, in states
-            without bounds on which the dynamics do not depend; None: the reference
-            rests.
+        velocity: Velocity of a reference that moves, shape (nx,), per second. Only
+            states that have no bounds, and on which the dynamics do not depend, may
+            move. None: the reference rests.
         parameters: Values of the model's parameters, shape (np,).
-        options: Options of the proof; None: `ProofOptions()`, with which any decrease
-            is enough.
+        options: Options of the proof; None: `ProofOptions()` with the problem's number
+            of steps. Any decrease of e'Pe is then enough.
         rng: Source of the samples and of the rays that look for counterexamples.
 
     Returns:

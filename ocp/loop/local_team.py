@@ -344,8 +344,9 @@ class LocalTeam(Called):
 
         Args:
             shown: Plans by the number of their agent, each (nx, nodes).
-            states: States of all agents now, shape (agents, nx). An agent without a
-                last plan is assumed to keep its present position.
+            states: States of all agents now, shape (agents, nx). Without a plan in
+                `shown` the given agent is assumed to keep its present position; any
+                other agent is then left out.
             number: Number of the given agent.
 
         Returns:

@@ -66,7 +66,9 @@ _STEP = {
 def at_both_ends(
     rows: Callable[[Array], Array], begins: Array, ends: Array
 ) -> tuple[Array, Array]:
-    """Return values of functions where steps begin and end, each of shape (rows, n).
+    """Return values of functions at the beginnings and at the ends of steps.
+
+    Both have the shape (rows, n).
 
     If a function jumps at the end of a step, its value just before the jump is taken.
 
@@ -92,7 +94,7 @@ def rows_before_jumps(rows: Callable[[Array], Array], times: Array) -> Array:
     Args:
         rows: The functions: times, shape (n,) [s] -> values, shape (n,) or (rows, n).
         times: Times along T intervals, shape (T, m + 1) [s]; if the end of an interval
-            changes the state, the last time stands twice.
+            changes the state, the last time of each row occurs twice.
     """
 
     def values(at: Array) -> Array:

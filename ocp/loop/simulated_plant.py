@@ -52,7 +52,7 @@ class SimulatedPlant(Plant):
     def along_until_end(
         self, state: Array, controls: Array, time: float = 0.0
     ) -> Array:
-        """Return the states after each step, with the mean of linear controls."""
+        """Return the states after each step; a linear control is its mean there."""
         del time
         self._require_sizes(state, controls)
         return self._stepped(state, (controls[:, :-1] + controls[:, 1:]) / 2)

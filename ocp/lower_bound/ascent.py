@@ -1,9 +1,10 @@
 """The sequence of proven bounds, from a set that holds all trajectories.
 
-For each of some rising degrees, polynomials first show that no trajectory through some
-points of the set costs less than an answer that is known; the set shrinks by these
-points, as long as a noticeable part of it is removed. Then a polynomial is computed
-whose value at the start is high, since this value gives the bound.
+Polynomials of several degrees are used, the lowest first. Those of a degree first show
+through which points of the set no trajectory costs less than a known answer. These
+points are removed, and this is repeated as long as a noticeable part of the set is
+removed. Then a polynomial is computed whose value at the start is high, since this
+value gives the bound.
 """
 
 from __future__ import annotations
@@ -64,7 +65,7 @@ ABOVE = 1e-6
 
 @dataclass(eq=False)
 class Best:
-    """The best bound so far of the cost of a `Statement`, its offset left out."""
+    """The best bound so far of a `Statement`'s cost, without the constant offset."""
 
     statement: Statement
     value: float

@@ -91,7 +91,7 @@ class Basis:
 
     @property
     def parameters(self) -> int:
-        """Number of inputs of the symbolic form besides the point."""
+        """Number of inputs of the symbolic form for the box and the coefficients."""
         return 2 * self.variables + self.size
 
     def expression(self, point: ca.SX, parameters: ca.SX) -> ca.SX:

@@ -1,4 +1,4 @@
-"""The Hamilton-Jacobi-Bellman inequality h >= -slack of a step, h = V_t + L + V_x f.
+"""The Hamilton-Jacobi-Bellman inequality h >= -slack, with h = V_t + L + V_x f.
 
 V(t, x) is the polynomial of the step (`stated/answer.py`), f(t, x, u) the right-hand
 side and L(t, x, u) the stage cost; t, x and u are time, states and controls. h is
@@ -61,7 +61,7 @@ class Bounds(NamedTuple):
 
 
 class Inequality:
-    """Lower bounds over boxes of h = V_t + L + V_x f, for every V of a degree.
+    """Lower bounds, over boxes, of h = V_t + L + V_x f, for any V of a given degree.
 
     V(t, x) is a polynomial, f the right-hand side, and L the stage cost.
     """
@@ -233,7 +233,8 @@ class Quadratic(NamedTuple):
         slope: g, shape (d, m).
         bend: H for each pair of coordinates, shape (pairs, m).
         rest: Shape (m,).
-        pull: Part of `rest` that belongs to each coordinate, shape (d, m).
+        pull: For each coordinate, the part of `rest` that shrinks if boxes are cut
+            along it, shape (d, m).
     """
 
     reach: Array
@@ -258,7 +259,7 @@ def settled(at: Quadratic, pairs: list[tuple[int, int]]) -> Bounds:
 
 
 class Margin:
-    """Lower bounds over boxes of an expression with a polynomial's parameters in it."""
+    """Lower bounds, over boxes, of an expression that has a polynomial's parameters."""
 
     def __init__(self, expression: ca.SX, point: ca.SX, parameters: ca.SX) -> None:
         """Form the derivatives of the expression.
@@ -391,7 +392,7 @@ class Stage:
 
 @dataclass(frozen=True, eq=False)
 class Setting:
-    """A problem in all forms that the steps need.
+    """A problem in all forms that the steps of a proof need.
 
     Attributes:
         statement: The problem.

@@ -3,10 +3,10 @@
     maximise c'w  subject to  A w + b >= 0
 
 w are the unknowns. Mehrotra's predictor and corrector work on the normal equations,
-which have as many unknowns: an iteration costs one product A'DA with a diagonal matrix
-D. The method ends near the centre of the optimal set, not at a vertex, so that the
-polynomial changes little from one round (subsolution.py) to the next. Measured on the
-programs of this package (10,000 rows, 84 unknowns) it takes a fifth of the time of
+which have no more unknowns than w: an iteration costs one product A'DA with a diagonal
+matrix D. The method ends near the centre of the optimal set, not at a vertex, so that
+the polynomial changes little from one round (subsolution.py) to the next. Measured on
+the programs of this package (10,000 rows, 84 unknowns) it takes a fifth of the time of
 HiGHS.
 
 Source: Mehrotra (1992), On the implementation of a primal-dual interior point method.
@@ -56,8 +56,8 @@ def maximised(
 
     Args:
         c: Objective, shape (m,).
-        A: Matrix of the rows, shape (N, m), of rank m, as bounds of all unknowns
-            ensure.
+        A: Matrix of the rows, shape (N, m), of rank m; bounds of all unknowns, as rows,
+            ensure this rank.
         b: Offsets of the rows, shape (N,).
         tolerance: Tolerance of the gap, in units of the objective.
         iterations: Largest number of iterations.
@@ -139,10 +139,10 @@ class _Newton:
         return np.asarray(self._sizes * inner)
 
     def step(self, wanted: Array) -> tuple[Array, Array, Array]:
-        """Return steps of w, of s = A w + b and of the duals z, for a change of z s.
+        """Return steps of w, of s = A w + b and of the duals z for a change of z s.
 
         Args:
-            wanted: The change of z s of each row, shape (N,).
+            wanted: Wanted change of the product z s of each row, shape (N,).
         """
         pushed = (wanted - self._z * self._short) / self._s
         right = self._dual + self._A.T @ pushed

@@ -1,9 +1,9 @@
 """Proof of a lower bound of a function on a set, by branch and bound.
 
 The search chooses the bound itself: it begins with a target, and lowers the bound
-whenever the function is smaller at a point of the set. So every search that ends has
-proven some bound. The points found show where the function must become larger; it is
-made from a polynomial (subsolution.py).
+whenever the function is smaller at a point of the set. So a search always ends with
+some bound, unless a box has no bound at all. The points found show where the function,
+which is made from a polynomial (subsolution.py), must become larger.
 """
 
 from __future__ import annotations

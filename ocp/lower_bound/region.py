@@ -38,7 +38,7 @@ class Region:
     Attributes:
         statement: The problem.
         tube: Tube that holds every admissible trajectory.
-        filters: A filter for each pruning.
+        filters: Test of each pruning that excludes points from the set.
     """
 
     statement: Statement
@@ -195,7 +195,7 @@ class Rows:
 
 
 class EndSet:
-    """The points (T, x) that terminal constraints and horizon allow."""
+    """End times and states (T, x) that terminal constraints and horizon allow."""
 
     def __init__(self, statement: Statement) -> None:
         """Compile the constraints."""
@@ -223,7 +223,7 @@ class EndSet:
         return np.asarray(within)
 
     def narrowed(self, lower: Array, upper: Array) -> tuple[Array, Array]:
-        """Return smaller boxes that hold all points of this set in the given ones.
+        """Return smaller boxes that lose no point of this set from the given boxes.
 
         A constraint of a single coordinate, linear in it, cuts a box exactly.
         """
@@ -283,7 +283,7 @@ class Filter:
         self._latest = latest
 
     def excludes(self, lower: Array, upper: Array) -> Mask:
-        """Return which boxes no trajectory below the known cost enters, shape (m,)."""
+        """Return which boxes no trajectory below the known cost can enter, (m,)."""
         return self._margin.bounds(self._parameters, lower, upper).low > 0
 
     def keeps(self, points: Array) -> Mask:

@@ -95,7 +95,7 @@ class Round:
 
 @dataclass(eq=False)
 class Search:
-    """Rounds towards a step of one degree on one set.
+    """Search for a step: a polynomial of one degree, proven on one set, round by round.
 
     Attributes:
         setting: The problem.
@@ -386,7 +386,7 @@ class _Failing:
 
 
 def loss_of(step: Step, latest: float) -> float:
-    """Return the number that the slacks of a step subtract from its bound."""
+    """Return the cost that a step's slacks subtract; `latest` is the latest end [s]."""
     return step.slack * latest + (step.end_slack or 0.0)
 
 
@@ -426,7 +426,7 @@ class _Rows:
         self.cuts = self.cuts.joined(points[:, good], kept_ends)
 
     def solved(self, objective: Array) -> Array:
-        """Return the best coefficients; drop loose rows if there are too many."""
+        """Return the best coefficients; drop the least binding of too many rows."""
         size, m = self._search.setting.size, self._A.shape[1]
         bounds = np.vstack([np.eye(m), -np.eye(m)])
         # At the end V must lie below phi, so these rows have the other sign.

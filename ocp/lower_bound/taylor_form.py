@@ -3,7 +3,7 @@
 For a function q on a box with the middle m and the half widths r, with d = y - m,
 
     q(y) = q(m) + g'd + d'Hd / 2 + R,
-    |R| <= sum over i <= j <= k of (number of orders of ijk) |q_ijk| r_i r_j r_k / 6
+    |R| <= sum over i <= j <= k of (number of orders of i, j, k) |q_ijk| r_i r_j r_k / 6
 
 The gradient g and the Hessian H are intervals that hold their values at m; the bound of
 the remainder R takes the third derivatives q_ijk over the whole box. If q contains a
@@ -31,7 +31,7 @@ from swarmstart.terminal_set.interval_arithmetic import (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Expansion:
-    """Functions about the middles of m boxes; k functions of d coordinates.
+    """Expansions of k functions of d coordinates about the middles of m boxes.
 
     Attributes:
         reach: Half widths of the boxes, shape (d, m).
@@ -41,7 +41,8 @@ class Expansion:
         bend: Second derivatives, one for each pair i <= j, shape (k, pairs, m).
         rest: Remainder: third order, and the radii of slopes and bends times the reach,
             shape (k, m).
-        pull: Part of `rest` that belongs to each coordinate, shape (k, d, m).
+        pull: For each coordinate, the part of `rest` that shrinks if boxes are cut
+            along it, shape (k, d, m).
     """
 
     reach: Array
@@ -79,7 +80,7 @@ class TaylorForm:
         self._orders = np.array([orders[len(set(one))] / 6 for one in self._triples])
 
     def expanded(self, lower: Array, upper: Array, parameters: Array) -> Expansion:
-        """Return the functions about the middles of boxes.
+        """Return the Taylor expansions of the functions about the middles of boxes.
 
         Args:
             lower: Lower corners, shape (d, m).

@@ -154,11 +154,14 @@ class Inner:
     def check(
         self, state: ca.SX, ends: tuple[ca.SX, ca.SX], k: int
     ) -> tuple[ca.SX, ca.SX]:
-        """Return the state after check k, and the integral of cost / unit over it.
+        """Return the state at check k, and the cost since the check before.
+
+        The cost is the integral of the stage cost, divided by the unit of the cost.
 
         Args:
-            state: State at the start of the check, shape (nx, 1).
-            ends: Signals at both ends of the check.
+            state: State at the check before, or at the start of the interval, shape
+                (nx, 1).
+            ends: Signals at the time of this state, and at check k.
             k: Number of the check in the interval, from 0.
         """
         u, p, layout = self._u, self._p, self._layout
@@ -172,7 +175,7 @@ class Inner:
         return reached.state, reached.cost
 
     def rows(self, sizes: ca.SX, residuals: ca.SX) -> ca.SX:
-        """Return the collocation rows, which must be 0, without unit.
+        """Return the collocation rows, which must be 0, divided by the sizes.
 
         Args:
             sizes: Natural sizes of the states, shape (nx, 1).
@@ -192,7 +195,9 @@ class Inner:
         return ca.vertcat(ca.SX(0, 1), *rows)
 
     def lifted(self, cost: ca.SX, g: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """Return cost and rows with the unknown z in place of Newton's iterations.
+        """Return cost and rows in which Newton's iterations are replaced by unknowns.
+
+        The unknowns are the algebraic variables at each point.
 
         Args:
             cost: Cost of the interval, a scalar.
@@ -218,11 +223,12 @@ class Inner:
 
 
 class Reached(NamedTuple):
-    """Result of one collocated check.
+    """Result of collocation from one check to the next.
 
     Attributes:
-        state: State at the end of the check, shape (nx, 1).
-        cost: Integral of the stage cost / unit over the time of the check.
+        state: State at the second check, shape (nx, 1).
+        cost: Integral of the stage cost between the checks, divided by the unit of the
+            cost.
         defects: Collocation rows, which must be 0, in the units of the states.
         at: Pair (state, signals) at each collocation point.
     """
@@ -240,14 +246,15 @@ def collocated_check(
     ends: tuple[ca.SX, ca.SX],
     unknown: ca.SX,
 ) -> Reached:
-    """Return the result of one check by collocation.
+    """Return the result of collocation from one check to the next.
 
     Args:
         shooting: The problem's functions.
-        state: State at the start of the check, shape (nx, 1).
+        state: State at the first of the two checks, shape (nx, 1).
         known: Controls, which are held, and parameters.
-        ends: Signals at both ends of the check.
-        unknown: The check's states at its points, shape (moving, points * elements).
+        ends: Signals at both checks.
+        unknown: Unknown states at the collocation points between the checks, of the
+            states with a rate only, shape (moving, points * elements).
     """
     problem, layout, (u, p) = shooting.problem, layout_of(shooting.problem), known
     if layout is None:

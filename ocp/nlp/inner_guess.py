@@ -84,10 +84,10 @@ class InnerGuess:
         known: tuple[Array, Array],
         sizes: Sizes,
     ) -> Array:
-        """Return the states that the evaluator reaches, shape (nx, checks + 1, N).
+        """Return the states that the rollout's integrator reaches, (nx, checks + 1, N).
 
         They are the given start of each interval, and the states at its checks that the
-        evaluator reaches from there.
+        integrator reaches from there.
 
         Args:
             controls: Controls, shape (nu, N).

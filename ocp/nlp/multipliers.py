@@ -48,7 +48,11 @@ from swarmstart.ocp.system.separation import label
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Multipliers:
-    """Multipliers of an answer; the module's docstring explains signs and sums.
+    """Multipliers of an answer: how the optimal cost depends on the limits.
+
+    If a limit is raised by one unit, the optimal cost changes by -multiplier. The
+    multipliers of an interval's checks are added up. A costate is the gradient of the
+    optimal cost to go with respect to the state.
 
     Attributes:
         costates: Costates at the ends of the intervals, shape (nx, N) [cost / unit of a
@@ -56,8 +60,8 @@ class Multipliers:
         controls: Multipliers of the bounds of the controls, shape (nu, N).
         states: Multipliers of the bounds of the states, shape (nx, N).
         path: Multipliers of each path constraint, by its name, shape (rows, N). Soft
-            constraints come last; the multiplier of a row is at most the cost of its
-            excess.
+            constraints come last; the multiplier of a row is at most the cost of a unit
+            of its excess.
         terminal: Multipliers of each terminal constraint, by its name, shape (rows,).
         decided: Multipliers of the bounds of decisions besides the controls: starts and
             parameters by their names, a free end time as "end time".
@@ -254,7 +258,11 @@ def units_of(
 
 
 def columns_of(program: NonlinearProgram, duals: Duals) -> tuple[Array, Array]:
-    """Return views of each interval's rows (height, N) and bounds (inputs + nx, N)."""
+    """Return views of the multipliers of each interval.
+
+    They are those of the rows, shape (height, N), and of the bounds of the variables,
+    shape (inputs + nx, N).
+    """
     core, N = program.problem, program.problem.intervals
     height = program.parts.interval.height
     width = inputs_of(core) + core.model.nx

@@ -170,7 +170,7 @@ class Mapped:
         """Return the outputs of all intervals (side by side), of the end, of the start.
 
         Args:
-            chosen: Function that returns the function of a part.
+            chosen: Function from a `Part` to the one of its functions that is applied.
             more: Further arguments of each part; those of the intervals side by side.
             same: Indices of the arguments that are the same for all intervals.
             apart: Numbers of the outputs, in groups that are not needed together.

@@ -335,10 +335,10 @@ class _Checks(NamedTuple):
 def corrected(
     point: NlpPoint, sizes: Sizes, parameters: Array, signals: Array
 ) -> tuple[Array, Limits] | None:
-    """Return the start and the limits of a further solve, nearer to the evaluator.
+    """Return the start and the limits of a further solve, which corrects an answer.
 
-    In its limits the equations of motion are shifted, so that each interval leads to
-    the state that the evaluator reaches.
+    In these limits the equations of motion are shifted, so that each interval leads to
+    the state that the rollout's integrator reaches.
 
     Algebraic equations are not changed.
 
@@ -349,7 +349,7 @@ def corrected(
         signals: Signals at the nodes, shape (ns, nodes).
 
     Returns:
-        The new guess and limits; None if the evaluator's states are not finite, or
+        The new guess and limits; None if the integrator's states are not finite, or
         nothing is collocated.
     """
     program, problem = point.program, point.program.problem

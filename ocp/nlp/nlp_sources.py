@@ -135,7 +135,7 @@ class OptiSource:
         return _places(role, given, self.x, "variables of this Opti")
 
     def name(self, index: int) -> str:
-        """Return the variable's symbol and entry, and the place that created it."""
+        """Return the variable's symbol and entry, and the code line that made it."""
         first = 0
         for symbol in self.symbols:
             if index < first + symbol.numel():
@@ -148,7 +148,7 @@ class OptiSource:
         return f"x[{index}]"
 
     def describe(self, row: int) -> str:
-        """Return CasADi's description, with the line of the user's code."""
+        """Return CasADi's description of a row, with the line of the user's code."""
         return _one_line(self.opti.debug.g_describe(row))
 
     def run(self, start: Array | None) -> Run:
@@ -173,9 +173,9 @@ class OptiSource:
         )
 
     def restore(self, start: Array) -> None:
-        """Solve from a start again, to restore its solution.
+        """Solve from a start again, so that the Opti has the same solution as before.
 
-        An Opti's state cannot be set: new initial values would discard its solution.
+        A solution cannot be put into an Opti: new initial values would discard it.
         """
         self.run(start)
 
@@ -262,7 +262,7 @@ class NlpSource:
         )
 
     def restore(self, start: Array) -> None:
-        """Do nothing: the solver keeps no start."""
+        """Do nothing: there is no solution to restore in the solver."""
 
 
 def _places(role: str, given: Any, x: Any, whose: str) -> Indices:

@@ -127,7 +127,8 @@ def is_stationary(point: NlpPoint) -> bool:
 def stationarity(point: NlpPoint) -> float:
     """Return the residual of the first-order conditions; infinity if not finite.
 
-    It is relative to the largest sum of its terms, but at least to one, the NLP's unit.
+    The residual is divided by the largest sum of the absolute values of its terms, if
+    this sum exceeds one.
     """
     program = point.program
     slope = program.derivatives["grad_f"](point.w, point.q)[1]
@@ -334,8 +335,9 @@ class _Stages:
     def remember_controls(self, problem: OptimalControlProblem) -> None:
         """Add the previous controls to the states of each interval, for tied controls.
 
-        z = (x, v, u), with v the controls of the interval before. Within a block v
-        replaces u; for members that share controls, those of the first member do.
+        z = (x, v, u), with v the controls of the interval before. In a block of
+        intervals v replaces u; if members of an ensemble share controls, those of the
+        first member replace the others'.
         """
         nx, nu = problem.model.nx, problem.model.nu
         x, v, u = np.split(np.eye(nu + self.dynamics[0].shape[1]), [nx, nx + nu])

@@ -51,7 +51,8 @@ def in_turn(
 ) -> Ahead[Timed]:
     """Return a context with the answers of polishes, in their order.
 
-    A watch that counts work, or may stop it, sees one polish after the other.
+    If the polisher's watch counts work or may stop it, the polishes run one after the
+    other.
 
     Args:
         polisher: The polisher that all of them call.

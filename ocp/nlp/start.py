@@ -62,8 +62,8 @@ class Start(NamedTuple):
             given one.
         is_guess: Whether the NLP is scaled by these states: the natural size of a
             state without bounds is then its range in them.
-        carried: Multipliers of an earlier answer, from which a polish starts; None
-            without them.
+        carried: Multipliers of an earlier answer, from which a polish starts; None: no
+            multipliers.
         decided: Decisions of an earlier answer about the start of the rewritten
             problem's states, by their names: a free end time, parameters.
 
@@ -124,9 +124,9 @@ class Carried:
         end: End of the new horizon, in the answer's time from 0 to 1.
         stretch: Length of the new horizon divided by the answer's time from `begin` to
             `end`.
-        spent: Iterations of earlier solves that began with carried multipliers and
-            converged, the latest last, in a closed loop. A solve that takes much longer
-            is stopped. If empty, there is no such limit.
+        spent: In a closed loop, the iterations of those earlier solves that began with
+            carried multipliers and converged, the latest last. A solve that takes many
+            more iterations is stopped. If empty, there is no such limit.
     """
 
     duals: Duals

@@ -115,7 +115,8 @@ def work_of(stats: Mapping[str, Any]) -> Work:
 def ratios_of(program: NonlinearProgram, shooting: Shooting) -> Ratios:
     """Return the cost of an NLP's derivatives, in rollouts.
 
-    With step size control, a rollout counts as the NLP's own fixed steps.
+    If rollouts use step size control, a rollout counts as much as one with the fixed
+    steps of the NLP.
     """
     problem, parts = program.problem, program.parts.present
     times = [problem.intervals, *[1] * (len(parts) - 1)]
@@ -445,7 +446,7 @@ def stops_nothing(watch: Watch) -> bool:
 
 
 def deadline_of(watch: Watch) -> Deadline | None:
-    """Return the `Deadline` that a watch is or passes on to, or None."""
+    """Return the watch if it is a `Deadline`, or the one it relays to; else None."""
     if isinstance(watch, Deadline):
         return watch
     return deadline_of(watch.watch) if isinstance(watch, Relay) else None

@@ -31,7 +31,11 @@ Rates = Callable[[ca.SX, ca.SX, tuple[ca.SX, ca.SX]], Rate]
 def tick_of(
     problem: OptimalControlProblem, rates: Rates, *, tolerance: float
 ) -> ca.Function:
-    """Return a trial step (z, u, p, s) -> z; s: the signals at both ends of a check.
+    """Return the function (z, u, p, s) -> z after one trial step.
+
+    z has, as one column, the states and integrals, their largest absolute values so
+    far, the time left until the next check, and the step size. s are the signals at the
+    two checks between which the step lies.
 
     Args:
         problem: The problem.
@@ -56,13 +60,16 @@ def tick_of(
 def adaptive_stage(
     problem: OptimalControlProblem, tick: ca.Function, close: ca.Function
 ) -> ca.Function:
-    """Return the stage (x, u, p, S) -> (states, cost, violation), built from calls.
+    """Return the function of one control interval, which calls the trial step.
+
+    It is (x, u, p, S) -> (states at the checks, cost, violation), with S the signals at
+    the interval's nodes.
 
     Args:
         problem: The problem.
         tick: The trial step, as `tick_of` returns it.
         close: Function (x, u, p, S, states at the checks, integrals) -> the outputs of
-            the stage.
+            the result.
     """
     names = ["x", "u", "p", "signals"]
     x, u, p, s = (ca.MX.sym(name, *close.size_in(i)) for i, name in enumerate(names))

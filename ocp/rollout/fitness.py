@@ -312,7 +312,10 @@ class Fitness(Called):
     def with_threshold(
         self, x0: ArrayLike, states: Array, known: Known
     ) -> tuple[ArrayLike, Array]:
-        """Return start and states with the extra decisions that make the cost smooth.
+        """Return start and states with values of the decisions that make a risk smooth.
+
+        Such a risk combines the costs of an ensemble's members with kinks, as their
+        maximum does. For any other problem nothing is changed.
 
         Args:
             x0: Initial state, shape (nx,).
@@ -399,7 +402,7 @@ def started(problem: OptimalControlProblem, x0: ArrayLike, decided: Array) -> Ar
 
 
 class Arguments:
-    """Arguments of a rollout that all individuals share; see shooting.py."""
+    """Arguments of a rollout that all individuals share: all but the decisions."""
 
     def __init__(self, shooting: Shooting) -> None:
         """Keep the functions of a problem."""
@@ -408,7 +411,10 @@ class Arguments:
         self._last: tuple[bytes, Array] | None = None
 
     def __call__(self, x0: ArrayLike, known: Known) -> tuple[Array, Array, Array]:
-        """Return x0, parameters with weights, and ca.vec of the signals; copied.
+        """Return x0, parameters with the rows' weights, and ca.vec of the signals.
+
+        The weights are 1 / scale of the rows whose scale the problem leaves open; with
+        step size control, sizes of states and integrals follow. All are copies.
 
         Raises:
             InvalidProblemError: If a shape is not the problem's, or a value is not
@@ -514,7 +520,7 @@ def core_known(lowered: Lowered, known: Known) -> Known:
 def from_near_start(
     shooting: Shooting, x0: ArrayLike, known: Known
 ) -> OptimalControlProblem:
-    """Return a stated problem with its large states measured from values near a start.
+    """Return a stated problem whose large states are shifted by values near a start.
 
     A state is large if its start is far from zero, compared with its natural size. A
     problem with phases is returned unchanged.
@@ -573,8 +579,8 @@ def replay(
 ) -> tuple[Array, float, float]:
     """Return states (nx, nodes), cost and violation of one control sequence.
 
-    The stage is called once per interval. This suits a single evaluation of a problem,
-    for which compiling the rollout would take longer than it saves.
+    The function of one interval is called N times. This suits a single evaluation of a
+    problem, for which compiling the rollout would take longer than it saves.
 
     Args:
         problem: The problem, or its compiled functions.
@@ -582,9 +588,9 @@ def replay(
         x0: Initial state, shape (nx,).
         known: Values of the parameters and signals.
         ends: States between the intervals, shape (nx, N + 1), from which each interval
-            begins anew; the distances by which intervals miss them, relative to the
-            states' sizes, count in the violation. None: each interval begins where the
-            last one ends.
+            begins anew; the distances from the end of one interval to the start of the
+            next, relative to the states' sizes, count in the violation. None: each
+            interval begins where the last one ends.
     """
     shooting = shooting_of(problem)
     problem = shooting.problem

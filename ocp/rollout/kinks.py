@@ -74,9 +74,10 @@ class Kinks:
 
     Attributes:
         names: Name of each switch, for messages.
-        sides: Function (x, u, p, s, sizes of x, sizes of u) -> side of each switch, an
-            expression that is zero where the operation switches; and the change of the
-            side over these sizes; each (n, 1).
+        sides: Function (x, u, p, s, sizes of x, sizes of u) -> two columns (n, 1). The
+            first has the side of each switch, an expression that is zero where the
+            operation switches; the second, by how much the side changes, to first
+            order, if x and u change by these sizes.
         steps: Whether a switch occurs at every whole number, as for floor; shape (n,).
     """
 
@@ -93,8 +94,9 @@ class Kinks:
         Args:
             sides: Sides along the path, in order of time, with the same number of
                 points in each interval; shape (n, points).
-            reach: Change of each side over the sizes, shape (n, points). A side that is
-                small all along the path, compared with this change, is near its switch.
+            reach: Change of each side, to first order, if states and controls change by
+                their sizes, shape (n, points). A side that is small all along the path,
+                compared with this change, is near its switch.
             intervals: Number of intervals.
         """
         if not self.names:
@@ -254,9 +256,10 @@ def smoothed(
 def kink_sizes(
     problem: OptimalControlProblem | Shooting, x0: ArrayLike, known: Known
 ) -> list[float]:
-    """Return the size of each kink around a start; 1 if that is 0 or not finite.
+    """Return the size, around a start, of the quantity that is zero at each kink.
 
-    The list is empty if the problem has no kinks.
+    A size that is 0 or not finite is replaced by 1. The list is empty if the problem
+    has no kinks.
 
     Args:
         problem: The problem, or its compiled functions.

@@ -97,8 +97,9 @@ class Tracer:
         checker: Measures the problem's constraints.
         steps: Number of fine steps in an interval.
         lengths: Lengths of these steps, shape (steps,) [s].
-        step: ((x, cost, |cost|), u, p, s before, s after, length) -> the same after a
-            fine step; with step size control as in `_adaptive_step`.
+        step: ((x, cost, |cost|), u, p, s before, s after, length) -> (x, cost, |cost|)
+            after a fine step, with s the signals; with step size control x has further
+            entries.
         kinks: Switches of the problem's expressions.
         stage_cost: Function (x, u, p, s) -> stage cost.
         step_cost: Function (x, u, p, s) -> step cost.

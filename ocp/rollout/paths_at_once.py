@@ -90,7 +90,7 @@ class Data(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Paths:
-    """Compiled scans of the problem's grid and of the finer path.
+    """Compiled loops (scans) over the problem's own grid and over the finer path.
 
     Attributes:
         tracer: Tracer that follows paths one by one; its functions are used.

@@ -143,7 +143,7 @@ def node_terms(problem: OptimalControlProblem) -> ca.Function:
 
 
 def check_violation(shooting: Shooting) -> ca.Function:
-    """Return the function (x, u, p, s at both ends of a check) -> path violation.
+    """Return the function (x, u, p, s at two successive checks) -> path violation.
 
     It is the sum of the violations of all path constraints.
     """

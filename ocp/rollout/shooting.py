@@ -117,8 +117,9 @@ class Shooting(Rebuilt):
     def automatic(self, sizes: Sizes) -> Array:
         """Return the numbers of a rollout that depend on the initial state.
 
-        These are 1 / size of the rows whose scale the problem leaves open and, with
-        step size control, the sizes of the states and of the integrated cost / unit.
+        These are 1 / size of the rows whose scale the problem leaves open. With step
+        size control, the sizes of the states follow, and those of the integrated cost,
+        divided by the unit of the cost.
         """
         if not self.problem.is_adaptive:
             return sizes.weights
@@ -127,13 +128,13 @@ class Shooting(Rebuilt):
 
     @cached_property
     def stage_cost(self) -> ca.Function:
-        """Function (x, u, p, s) -> stage cost / unit."""
+        """Function (x, u, p, s) -> stage cost, divided by the unit of the cost."""
         names = self.problem.symbols().values()
         return ca.Function("stage_cost", [*names], [self.costs[1].stage])
 
     @cached_property
     def step_cost(self) -> ca.Function:
-        """Function (x, u, p, s) -> step cost / unit."""
+        """Function (x, u, p, s) -> step cost, divided by the unit of the cost."""
         names = self.problem.symbols().values()
         return ca.Function("step_cost", [*names], [self.costs[1].step])
 
@@ -245,8 +246,9 @@ class Shooting(Rebuilt):
     def tick(self) -> ca.Function:
         """Function (z, u, p, s) -> z after one trial step of the step size control.
 
-        The step may be accepted or not; z is as in integration/rodas.py, and s are the
-        signals at both ends of a check.
+        The step may be accepted or not. z has the states and integrals, their largest
+        absolute values so far, the time left until the next check, and the step size; s
+        are the signals at the two checks between which the step lies.
         """
         return self.tick_to(self.problem.integrator_tolerance or 0.0)
 
@@ -328,15 +330,16 @@ class Shooting(Rebuilt):
         *,
         after_jump: bool = True,
     ) -> tuple[ca.SX, ca.SX]:
-        """Return the state after one check, and the integral of cost / unit over it.
+        """Return the state at the next check, and the integral of the cost until then.
+
+        The integral is divided by the unit of the cost.
 
         Args:
-            x: State at the start of the check.
+            x: State at the present check.
             u: Controls, which are held.
             p: Parameters.
-            ends: Signals at both ends of the check.
-            after_jump: Whether the check is the first of an interval, so that controls
-                jump.
+            ends: Signals at the present and at the next check.
+            after_jump: Whether the step begins an interval, so that controls jump.
 
         The steps are `substeps` equal ones, regardless of the problem's tolerance.
         """
@@ -361,7 +364,7 @@ class Shooting(Rebuilt):
         return both[:-1], both[-1]
 
     def signals_at(self, ends: tuple[Values, Values], part: float) -> Values:
-        """Return the signals at a part of a check or a step, linear between its ends.
+        """Return the signals at a fraction of a step, linear between the step's ends.
 
         The time is read a little inside of both ends, so that a function of time that
         jumps there has the value that it has in between. On average over a step the

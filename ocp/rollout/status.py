@@ -341,11 +341,12 @@ def growth_along(
     known: Known,
     sizes: Array,
 ) -> Growth:
-    """Return the growth along states at the beginning of each interval.
+    """Return the largest growth of a deviation along a path.
 
     Args:
         shooting: The problem's functions.
-        states: Shape (nx, N); the growth ends at the first state that is not finite.
+        states: States of the path at the beginning of each interval, shape (nx, N); the
+            growth ends at the first state that is not finite.
         controls: Shape (nu, N).
         known: Values of the parameters and signals.
         sizes: Natural sizes of the states, shape (nx,).

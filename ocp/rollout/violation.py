@@ -41,7 +41,7 @@ Symbolic = TypeVar("Symbolic", ca.SX, ca.MX)
 
 
 def row_weights(problem: OptimalControlProblem, automatic: ca.SX) -> list[ca.SX]:
-    """Return 1 / scale of the rows of each path, then each terminal constraint.
+    """Return 1 / scale of the rows of each path constraint, then of each terminal one.
 
     Args:
         problem: The problem.

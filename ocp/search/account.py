@@ -220,8 +220,8 @@ class StartsAccount:
         lanes: Results of the local solves in lanes; None without such solves.
         without_lanes: Reason why there were no lanes; empty if there were.
         search: Effort of the search; None without a search.
-        agree: Whether the cold starts agree with the lanes (`agree` in many_starts.py),
-            so that the search was left out.
+        agree: Whether the search was left out, since all cold starts (the guess, zero
+            controls and the like) lead to the best optimum of the lanes.
     """
 
     won: Origin

@@ -81,7 +81,7 @@ def searched(
         search: Settings of the search.
         space: The search space.
         task: The task to search for.
-        lanes: The search in lanes that runs it; None: it is a population search.
+        lanes: The `LaneSearch` that runs the search; None: it is a population search.
 
     Raises:
         SearchInterrupted: On Ctrl-C, with the best point so far, if there is one.

@@ -213,7 +213,10 @@ class RandomStarts(_Lanes):
 
     @property
     def ended(self) -> bool:
-        """True if the upper estimate of the unseen share is below its limit."""
+        """True if few further starts would end in an optimum not seen yet.
+
+        Their estimated share must be below the limit with 95 % confidence.
+        """
         counts = [one.count for one in self.found.optima]
         return unseen_share(counts).most < self._settings.unseen
 
@@ -248,8 +251,8 @@ class RandomStarts(_Lanes):
     def points(self, most: int) -> list[Array]:
         """Return the points of the best answers, the best first.
 
-        After a batch there is at least one: if no lane ended in an optimum, the point
-        of the best lane.
+        After a batch there is at least one point: if no lane ended in an optimum, it is
+        that of the best lane.
         """
         kept = self.found.kept
         if kept is not None and self.found.optima:
@@ -289,7 +292,7 @@ class PolishStarts:
 
     @property
     def each(self) -> float:
-        """Mean cost of a start, in evaluations; one before the first start."""
+        """Mean cost of a start, in evaluations; 1 before the first start."""
         return max(self._evaluations / self._solves, 1.0) if self._solves else 1.0
 
     def account(self) -> None:

@@ -84,7 +84,8 @@ class Answered:
         polished: The answer.
         evaluations: Evaluations of the NLP solver.
         account: Results of all starts.
-        is_searched: Whether a search ran whose roll-outs were reliable.
+        is_searched: Whether a search ran, after which the best answer was judged by a
+            roll-out over the whole horizon.
     """
 
     polished: Polished
@@ -354,7 +355,8 @@ class _Tries:
     Attributes:
         answers: Its answers.
         tried: Account of each answer.
-        is_searched: Whether a search ran whose roll-outs were reliable.
+        is_searched: Whether a search ran, after which the best answer was judged by a
+            roll-out over the whole horizon.
         agree: Whether cold starts and lanes agree, so that less is tried.
     """
 
@@ -473,8 +475,8 @@ class _Tries:
 def agree(cold: Sequence[Tried], lanes: Lanes | None) -> bool:
     """Return whether cold starts lead to the cheapest optimum of the lanes.
 
-    All feasible results must do so, and there must be at least one. The lanes must also
-    have seen nearly all optima that such starts end in.
+    All feasible results of cold starts must do so, and there must be at least one. The
+    lanes must also have seen nearly all optima in which random starts end.
 
     Args:
         cold: Results of the cold starts.

@@ -135,8 +135,8 @@ class Memetic:
         """Return the population search that is improved.
 
         Args:
-            evaluations: Budget of the search with its local solves; None if the budget
-                is given in seconds.
+            evaluations: Largest number of evaluations, those of the local solves
+                included; None if the budget is given in seconds.
         """
         if self.size is not None or evaluations is None:
             return LSHADE(size=self.size)
@@ -168,7 +168,8 @@ def population_of(
 
     Args:
         algorithm: The algorithm.
-        evaluations: Its budget; None if that is given in seconds.
+        evaluations: Largest number of evaluations; None if the budget is given in
+            seconds.
 
     Returns:
         The settings of a population search, or None for a multistart.

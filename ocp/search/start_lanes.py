@@ -276,6 +276,10 @@ def variations(
 ) -> tuple[Array, Array, Array]:
     """Return variations of the cheapest optima: half crossings, half kicks.
 
+    A crossing follows one optimum up to a random time, and another one after it. A kick
+    adds random bumps to the states of an optimum. If there is only one optimum, all
+    variations are kicks.
+
     Args:
         answers: Answers of lanes, at least one of them feasible.
         n: Number of variations.

@@ -81,7 +81,7 @@ def knot_names(control: str) -> tuple[str, str]:
 
 
 def control_of(knot: str, controls: Sequence[str]) -> int | None:
-    """Return the number of the control that a knot state belongs to; else None."""
+    """Return the number of the control of a knot state; None for any other state."""
     return next((j for j, u in enumerate(controls) if knot == knot_names(u)[1]), None)
 
 

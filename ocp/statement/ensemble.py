@@ -95,8 +95,10 @@ def ensemble(  # noqa: PLR0913 - the members, and how their costs count
 
     Raises:
         InvalidProblemError: If the values do not fit the problem's parameters; if
-            weights, level or robust horizon are out of range; or if `risk` is not
-            possible with the problem's cost.
+            weights, level or robust horizon are out of range; if the problem has soft
+            constraints or is an ensemble; or if `risk` is not "mean" and the problem
+            has an initial cost, or a cost at the start of intervals that depends on
+            more than the controls.
 
     Example:
         >>> import casadi as ca

@@ -23,10 +23,11 @@ class Feature:
     goes_with_teams: ClassVar[bool] = False
 
     def of_members(self, names: Mapping[str, Sequence[str]]) -> "Feature":
-        """Return the feature of an ensemble whose members have controls of their own.
+        """Return the feature that the ensemble of a problem with this feature has.
 
         Args:
-            names: Name of a control of the problem -> its names in the members.
+            names: Name of a control of the problem -> the names of the controls that
+                the members have in its place; its own name if they share it.
         """
         del names
         return self

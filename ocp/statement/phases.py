@@ -122,7 +122,7 @@ def phases(
     Raises:
         InvalidProblemError: If a phase has a feature that phases do not support, a
             linkage names an unknown state, or a state of a later phase is neither in
-            its linkage nor a state of the phase before.
+            the linkage to that phase nor a state of the phase before it.
 
     Example:
         >>> import casadi as ca
@@ -258,7 +258,13 @@ class _Union:
         self.intervals = int(self.ends[-1])
 
     def selected(self, of_phases: Sequence[ca.SX]) -> ca.SX:
-        """Return the present phase's entry, by the number of finished intervals."""
+        """Return an expression that has the value of the present phase's entry.
+
+        The number of finished intervals, a state, decides which phase is present.
+
+        Args:
+            of_phases: An entry for each phase, in order.
+        """
         found = of_phases[-1]
         for end, one in reversed([*zip(self.ends, of_phases, strict=True)][:-1]):
             # The counter is a whole number up to the rounding of an NLP solver.
@@ -430,7 +436,7 @@ class _Exits:
         self.symbols = ca.vertcat(ca.SX(0, 1), *names)
 
     def after(self, union: _Union) -> ca.SX:
-        """Return the states after an interval."""
+        """Return the values of the states of this object after an interval."""
         return ca.vertcat(
             ca.SX(0, 1),
             *[

@@ -636,7 +636,10 @@ class OptimalControlProblem(Expressed):
 
     @property
     def search_limits(self) -> tuple[Array, Array]:
-        """Lower and upper bounds of the controls in a search, each (nu,)."""
+        """Lower and upper bounds of the controls in a population search, each (nu,).
+
+        They are `bounds.search` or, if this is None, the bounds of the controls.
+        """
         if self.bounds.search is None:
             return self.control_limits
         lower, upper = self.bounds.search
@@ -655,7 +658,7 @@ class OptimalControlProblem(Expressed):
 
     @cached_property
     def stated(self) -> tuple[Constraint, ...]:
-        """All path constraints as stated, except soft ones, as constraint objects."""
+        """All stated path constraints except soft ones, as constraint objects."""
         every = map(as_path, self.constraints)
         return tuple(
             c for c in every if not (isinstance(c, PathConstraint) and c.is_soft)

@@ -122,8 +122,9 @@ class Epigraph(NamedTuple):
     Attributes:
         risk: The combination of the members' costs.
         costs: Cost of each member at the end of the horizon, shape (M, 1).
-        decided: Symbols of the states that the NLP decides: a threshold t; for "cvar"
-            the excess e of each member's cost over t; the room r of each cost below t.
+        decided: Symbols of the states that the NLP decides, in this order: a threshold
+            t; only for "cvar", the excess e of each member's cost over t; the room r,
+            by which each member's cost is below t.
         first: Index of the first of these states.
         accrued: Indices of the states that accrue the members' costs.
     """
@@ -168,7 +169,11 @@ class Epigraph(NamedTuple):
         return t, e, r
 
     def values(self, costs: Array) -> Array:
-        """Return the values of `decided` that fit given costs of the members, (M,)."""
+        """Return the values of `decided` that fit given costs of the members.
+
+        Args:
+            costs: Costs of the members, shape (M,).
+        """
         # A start of the NLP must be finite, even from a rollout that is not.
         costs = np.nan_to_num(costs, nan=0.0, posinf=0.0, neginf=0.0)
         over = costs - self.risk.threshold(costs)

@@ -255,7 +255,7 @@ class Agreement:
         self._used += 1
 
     def heard_of(self, i: int) -> Count:
-        """Return the rows of the plans that a vehicle knows of others."""
+        """Return the rows of those plans of others that a vehicle has heard of."""
         heard = self.members.heard_committed[i], self.members.heard_candidate[i]
         known = np.concatenate(heard)
         return np.unique(known[known >= 0])
@@ -279,7 +279,11 @@ class Agreement:
         broadcast(tick, delays, self.members, self._channel)
 
     def log(self, steps: int) -> Log:
-        """Return all plans that were proposed in the steps so far, in order."""
+        """Return the plans of the start and all proposed since, in order.
+
+        Args:
+            steps: Number of steps of the flight so far.
+        """
         rows = sorted(self._log)
         every = [self._log[row] for row in rows]
         accepted = np.full((len(rows), self.not_before.size), OPEN, np.int64)

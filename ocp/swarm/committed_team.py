@@ -553,16 +553,16 @@ def _parameters(loop: RecedingHorizon) -> Array:
 
 
 def begin_as(plan: int, committed: int, lead: int, plans: Plans) -> None:
-    """Copy samples and bulges of a committed plan into a new one, until they part.
+    """Overwrite the beginning of a new plan by the committed one, until they part.
 
-    The sample at which they part is that of the committed plan, too. If that plan has
-    ended by then, this is the centre of a ball that contains the vehicle. So the bulge
-    of the next piece grows by the distance of this sample from the one that the new
-    plan had there.
+    Samples are copied up to the one at which the plans part, and bulges likewise. If
+    the committed plan has ended by then, that sample is only the centre of a ball that
+    contains the vehicle, and differs from the sample that the new plan had there. So
+    the bulge of the new plan's next piece is increased by the distance of the two.
 
     Args:
-        plan: Row of the plan, which is written.
-        committed: Row of the plan from which it parts.
+        plan: Row of the new plan, which is written already.
+        committed: Row of the committed plan from which it parts.
         lead: Number of steps from the plan's first sample until they part.
         plans: All plans of the vehicles, each a row.
     """

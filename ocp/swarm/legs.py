@@ -171,8 +171,9 @@ def write_leg(
     Args:
         plan: Row of the plan.
         index: Index of the sample at which the leg begins, which is not written.
-        ends: Its first and last state.
-        steps: Its number of steps; samples after the plan's last are left out.
+        ends: First and last state of the leg.
+        steps: Number of steps of the leg; those after the plan's last sample are left
+            out.
         body: Bounds of the point mass, and the grid of its plans.
         plans: All plans of the vehicles, each a row.
     """

@@ -37,7 +37,8 @@ GONE = -2
 class Plans(NamedTuple):
     """Plans, numbered by their rows; one that was proposed is never changed.
 
-    A fourth array here makes a search three times as slow: kernels count references.
+    There are only three arrays since compiled code counts the references to each: a
+    fourth one would make a search three times as slow.
 
     Attributes:
         first: Steps of the first samples, shape (rows,).

@@ -66,7 +66,7 @@ class Planning(NamedTuple):
 
 
 def team_of(swarm: Swarm, planning: Planning, rng: np.random.Generator) -> Team:
-    """Return the vehicles at their starts; raise errors as `sizes_of` does."""
+    """Return the vehicles at their starts; raise the errors that `sizes_of` raises."""
     return Team(
         swarm, planning.links, planning.rule, step_s=planning.step_s,
         sizes=sizes_of(swarm, planning), rng=rng,
@@ -161,7 +161,12 @@ def simulate_swarm(  # noqa: PLR0913 - the swarm, its links, and how it is simul
 
 
 def most_hops(name: str, places: Array, radio_range: float) -> int:
-    """Return the number of links between the two vehicles that are farthest apart.
+    """Return the largest number of links on the shortest way between two vehicles.
+
+    Args:
+        name: Name of the places in a message: "starts" or "goals".
+        places: Positions of the vehicles, shape (n, 3) [m].
+        radio_range: Largest length of a link [m].
 
     Raises:
         InvalidProblemError: If no message gets from some vehicle to another.

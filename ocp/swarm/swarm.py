@@ -62,7 +62,7 @@ def _distances(points: Array, path: Array) -> Array:
 
 
 def pairwise_distances(places: Array) -> Array:
-    """Return the distance of each point from each, shape (n, n)."""
+    """Return the distances between all pairs of points, shape (n, n)."""
     return np.asarray(np.linalg.norm(places[:, None] - places, axis=2))
 
 

@@ -261,7 +261,7 @@ def lead_steps(n: int, links: Links, hops: int) -> int:
     Args:
         n: Number of vehicles.
         links: Links between the vehicles.
-        hops: Number of links between the two that are farthest apart.
+        hops: Largest number of links that a message passes from a vehicle to another.
     """
     if links.loss:
         tries = int(np.ceil(np.log(0.02 / n) / np.log(links.loss)))

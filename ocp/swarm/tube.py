@@ -151,7 +151,7 @@ class Body:
         return float(np.sqrt(level * self._reach) * (1.0 + ROUNDING))
 
     def rest_of(self, state: Array) -> Rest:
-        """Return where and how a vehicle stays whose plan ends in this state.
+        """Return the `Rest` of a vehicle if its plan ends in this state.
 
         Raises:
             NoRestError: If the state is in no certified set.

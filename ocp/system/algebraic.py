@@ -192,7 +192,7 @@ class Elimination(Expressed):
         return ca.substitute(expression, self.symbols, self.solution)
 
     def constraints(self) -> tuple[PathConstraint, ...]:
-        """Return the path constraint that nonlinear equations hold; empty if linear."""
+        """Return the path constraint that the equations hold; () if they are linear."""
         if not self.unsolved.numel():
             return ()
         return (
@@ -389,7 +389,7 @@ def _singular_everywhere(jacobian: ca.SX, symbols: ca.SX) -> bool:
 
 
 def solve_in_symbols(matrix: ca.SX, right: ca.SX) -> ca.SX:
-    """Return z of `matrix` z = `right`.
+    """Return the solution z of the linear equations `matrix` z = `right`.
 
     Args:
         matrix: Shape (n, n), of full structural rank.

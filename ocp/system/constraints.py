@@ -106,7 +106,12 @@ class Constraint(Protocol):
         """Return the same limits as equally many smooth rows, in the same units."""
 
     def excess(self, start: ca.SX, end: ca.SX) -> ca.SX:
-        """Return a bound of the excess of each row, <= 0 if it is kept, (m, 1)."""
+        """Return a number for each row, above 0 if it is broken in a check, (m, 1).
+
+        Args:
+            start: Value of the expression at the start of the check.
+            end: Value of the expression at the end of the check.
+        """
 
     def indicated(self, excess: ca.SX) -> ca.SX:
         """Return 1 for each row that an indicator counts as broken, (m, 1)."""

@@ -591,19 +591,25 @@ def rate_of(model: Model) -> ca.Function:
 
 
 def jump_of(model: Model) -> ca.Function:
-    """Return phi(x, u, p, s) -> the state after the end of an interval."""
+    """Return phi(x, u, p, s) -> the state after the jump at an interval's end.
+
+    s are the signals, then the time. Without a jump the function returns x.
+    """
     return _function_of(
         model, "jump", model.next_state if model.jumps else model.states
     )
 
 
 def unsolved_of(model: Model) -> ca.Function:
-    """Return r(x, u, p, s), the residual of nonlinear algebraic equations."""
+    """Return r(x, u, p, s), the scaled residual of nonlinear algebraic equations.
+
+    s are the signals, then the time.
+    """
     return _function_of(model, "unsolved", model.elimination.unsolved)
 
 
 def outputs_of(model: Model) -> ca.Function:
-    """Return g(x, u, p, s) -> y, the outputs, shape (ny, 1)."""
+    """Return g(x, u, p, s) -> the outputs, shape (ny, 1); s: signals, then the time."""
     rows = ca.vertcat(ca.SX(0, 1), *model.outputs.values())
     return _function_of(model, "outputs", rows)
 

@@ -283,7 +283,8 @@ def nearest_on_segment(a: ca.SX, b: ca.SX, *, shortest: float) -> ca.SX:
     Args:
         a: One end, shape (n, 1).
         b: The other end, shape (n, 1).
-        shortest: Squared length below which the segment is a point.
+        shortest: Squared length, above 0, that is used for a shorter segment, so that
+            nothing is divided by 0. The result is then only near the nearest point.
     """
     along = b - a
     length = ca.fmax(ca.sumsqr(along), shortest)

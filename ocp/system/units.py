@@ -143,8 +143,8 @@ class Equations:
 
     Attributes:
         symbols: Symbol of each quantity, a column.
-        names: Name of each symbol in order, without that of the time [s], which is the
-            last symbol if there is one more than names.
+        names: Name of each symbol in order. If there is one symbol more than names, the
+            last symbol is the time [s].
         units: Unit by name, as text.
         kinds: Kind of equation, such as "rate" -> the names of the quantities whose
             units are compared, and the expressions.

@@ -256,9 +256,9 @@ class Certificate:
         """Return the statements that the library has not proven; empty if all are.
 
         Certificates made by `certify` are proven, except for the growth between samples
-        if its proof was not requested or failed. Other entries show that a copy was
-        changed: margins are part of `seal`, and `alpha` is compared with the level of
-        the proof and with the levels that the bounds allow.
+        if its proof was not requested or failed. Any other entry means that a number
+        was changed after the proof: the numbers no longer match the digest `seal`, or
+        `alpha` is above the level of the proof or a level that the bounds allow.
         """
         found = []
         if not (self.proof.proven and self.alpha <= self.proof.alpha):

@@ -240,7 +240,7 @@ class TerminalSet:
 
         For a plant in deviations from the reference, the closed loop is
         `control.feedback(plant, law, sign=1)`: the law contains its minus sign.
-        `control.margin` assumes negative feedback; its argument is -law * plant.
+        `control.margin` assumes negative feedback: call it with -law * plant.
 
         Args:
             states: Names of the states, which are the inputs of the law; if empty, they

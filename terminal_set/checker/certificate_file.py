@@ -57,7 +57,7 @@ class Certificate:
     Attributes:
         tape: Instructions (operation, operands, constant); the number of an instruction
             is the index of its result.
-        xdot: Indices into the tape, one for each state.
+        xdot: Indices of the instructions whose results are f(x, u), one for each state.
         x_ref: Reference state, shape (nx,).
         u_ref: Reference input, shape (nu,).
         velocity: Velocity of the reference, shape (nx,); 0 in states that rest.
@@ -73,8 +73,9 @@ class Certificate:
         dt: Time for which an input is held [s]; None if it is continuous.
         substeps: Number of Runge-Kutta steps in a hold; None for a continuous input.
         Q_m: Matrix of the margin: V decreases by at least e'Q_m e, shape (nx, nx).
-        integrator: Relative error of the Runge-Kutta map; None if not stated.
-        integrator_proven: Whether that error is labelled proven by the library. The
+        integrator: Bound of the Runge-Kutta map's error over a hold, relative to the
+            root of V(e); None if not stated.
+        integrator_proven: Whether that bound is labelled proven by the library. The
             checker does not repeat this proof.
         growth: Bound of V between two samples, divided by V at the first of the two;
             None if not stated.

@@ -50,13 +50,13 @@ def identity(n: int) -> arb_mat:
 
 
 def is_positive_definite(matrix: arb_mat) -> bool:
-    """Return whether every enclosed matrix has a Cholesky factor with positive pivots.
+    """Return whether every matrix in a matrix of balls is positive definite.
 
     Args:
-        matrix: Symmetric, shape (n, n).
+        matrix: Symmetric, of balls (intervals of real numbers), shape (n, n).
 
     Returns:
-        False also if balls cannot decide it.
+        False also if the balls are too wide to decide it.
     """
     n = matrix.nrows()
     factor = [[arb(0)] * n for _ in range(n)]

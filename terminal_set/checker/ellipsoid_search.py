@@ -67,11 +67,11 @@ class Change:
     time: Fraction | None
 
     def level(self, e: Sequence[Model]) -> Model:
-        """Return V(e)."""
+        """Return V(e) = e'Pe."""
         return _form(self.P, e, e)
 
     def of(self, e: Sequence[Model], time: Model | None = None) -> Model:
-        """Return c(e).
+        """Return c(e), the form that is claimed to be negative.
 
         Args:
             e: State relative to the reference.
@@ -125,9 +125,9 @@ class DecreaseTask:
 
     Every e != 0 is s T w with a number s > 0 and a point w on a face of the cube
     [-1, 1]^nx. The coordinates of a box are s, the entries of w except the one that is
-    1 or -1 on the face, and the time, unless `times` is None. `Boxes.slab` of a box is
-    2 nx times the number of the box's piece of time, plus the number of the face of the
-    cube to which the box belongs.
+    1 or -1 on the face, and the time, unless `times` is None. Each box belongs to one
+    piece of time, with the number p, and to one of the 2 nx faces of the cube, with the
+    number k. Its entry of `Boxes.slab` is 2 nx p + k.
 
     Attributes:
         change: The form c that is to be proven negative; a bound of the rounding of its
@@ -216,7 +216,10 @@ class DecreaseTask:
         return self.change.of([s * entry for entry in v], time)
 
     def judge(self, boxes: Boxes) -> Judgement:
-        """Judge -c > 0 over boxes; those at the centre apart from the others."""
+        """Judge c < 0 over boxes; over boxes that contain e = 0, c / s^2 < 0.
+
+        c is the change that is to be proven negative, and s the factor of e = s T w.
+        """
         proven, suspect = np.zeros((2, boxes.count), dtype=np.bool_)
         pull = np.zeros_like(boxes.lower)
         for which in (boxes.lower[0] == 0.0, boxes.lower[0] > 0.0):

@@ -265,7 +265,7 @@ def relative_error(certificate: Certificate) -> Fraction:
     """Return a bound of |motion - Runge-Kutta map|_P over a hold, relative to |e|_P.
 
     Args:
-        certificate: The statements of the file; held.
+        certificate: The statements of the file, for an input that is held.
 
     Returns:
         The sum of the map's error and the reference's drift.

@@ -254,9 +254,9 @@ class Program:
         """Evaluate the wanted values.
 
         Args:
-            variables: The variables, models or values of other kinds.
-            applied: Function (operation, its operands) -> the result, where operands
-                may be fractions; None for models.
+            variables: The variables: Taylor models, or values of another type.
+            applied: Function (operation, its operands) -> the result, for values of
+                another type; some operands may be fractions. None for Taylor models.
 
         Returns:
             Index of a wanted value -> the value.

@@ -28,10 +28,10 @@ _FLOAT_ERROR = 1e-10  # relative, of the map and the flow themselves
 
 
 def points(entries: Array) -> list[Model]:
-    """Return states as models of no variables.
+    """Return states as numbers with bounds of their rounding.
 
     Args:
-        entries: A state a column, shape (nx, N).
+        entries: The states, each a column, shape (nx, N).
     """
     return [algebra_of(0).constant(row) for row in entries]
 
@@ -77,8 +77,9 @@ def check_refuted(certificate: Certificate, deadline: Deadline) -> Finding:
 def find_counterexample(certificate: Certificate, deadline: Deadline) -> Finding | None:
     """Look for a state of the set at which V(e) = e'Pe does not decrease.
 
-    Tested are the axes of a small and of a large ellipsoid, and random points on the
-    boundary of a small and of a large one.
+    Tested are points on the boundaries of a small ellipsoid near e = 0 and of a large
+    one near the boundary of the set. Some of the points are random; the others are the
+    multiples of the columns of L^-T that lie there, with P = LL'.
 
     Args:
         certificate: The statements of the file; P positive definite.
@@ -105,7 +106,10 @@ def find_counterexample(certificate: Certificate, deadline: Deadline) -> Finding
 
 
 def fails(change: Change, e: Sequence[Model], alpha: float) -> np.ndarray:
-    """Return a mask of the points e != 0 of the set with c(e) >= 0 for certain."""
+    """Return a mask of the points e != 0 of the set with c(e) >= 0 for certain.
+
+    The set is e'Pe <= alpha, and c(e) is the `change` of e'Pe.
+    """
     level = change.level(e)
     inside = (level.lower > 0.0) & (level.upper <= alpha)
     return np.asarray(inside & (change.of(e).lower >= 0.0))
@@ -113,7 +117,9 @@ def fails(change: Change, e: Sequence[Model], alpha: float) -> np.ndarray:
 
 @np.errstate(all="ignore")
 def check_integrator(certificate: Certificate, deadline: Deadline) -> Finding:
-    """Check at random points that the flow is near the Runge-Kutta map, and V falls.
+    """Check at random points that the flow is near the Runge-Kutta map.
+
+    It is also checked that V(e) = e'Pe is less after the flow over a hold than before.
 
     Args:
         certificate: The statements of the file, for an input that is held; P positive
@@ -165,7 +171,10 @@ def check_integrator(certificate: Certificate, deadline: Deadline) -> Finding:
 
 @np.errstate(all="ignore")
 def check_growth_by_samples(certificate: Certificate, deadline: Deadline) -> Finding:
-    """Check at random points and times that V stays below its bound between samples.
+    """Check the stated growth of V(e) = e'Pe between samples, at random points.
+
+    At each point e, V is computed at several times of a hold, by the Runge-Kutta map.
+    It must be below the stated growth times V(e).
 
     Args:
         certificate: The statements of the file, for an input that is held; P positive

@@ -150,7 +150,7 @@ def _compare_digest(content: dict[str, object]) -> None:
 
 
 def mapping(value: object, where: str, names: str) -> dict[str, object]:
-    """Return a JSON object that has exactly the keys `names`, separated by spaces."""
+    """Return a JSON object; its keys must be exactly the words of the text `names`."""
     keys = set(names.split())
     if not isinstance(value, dict):
         raise unusable(where, "an object", value)
@@ -290,7 +290,7 @@ class Entries:
         Args:
             value: The list of instructions.
             where: Its place in the file.
-            inputs: Kind of an input -> number of its entries.
+            inputs: Name of an input, such as "x" -> number of its entries.
         """
         length = len(value) if isinstance(value, list) else 1
         if not 1 <= length <= self.longest_tape:

@@ -25,8 +25,8 @@ class Finding:
     Attributes:
         verdict: The verdict on the statement.
         text: The statement, with the numbers.
-        subject: What the statement is about, if it was only sampled, for the last line
-            of the report; else empty.
+        subject: Subject of a statement that was only sampled, as the last line of the
+            report names it; empty for any other statement.
     """
 
     verdict: Verdict

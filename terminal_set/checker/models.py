@@ -94,7 +94,11 @@ class Algebra:
 
     @cached_property
     def products(self) -> list[NDArray[np.int64]]:
-        """Indices of the products of monomial i with monomials 0, 1, ..., to ORDER."""
+        """Indices of products of two monomials, an array for each monomial i.
+
+        Entry j is the index of the product with monomial j; products of a degree above
+        ORDER are left out.
+        """
         table = []
         for i, e in enumerate(self.monomials):
             most = ORDER - self.degrees[i]

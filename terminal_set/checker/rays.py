@@ -88,7 +88,11 @@ class Along:
         return Along(self.at.shifted(constant, error), self.slope, self.rho)
 
     def absolute(self) -> Along:
-        """The absolute value; if the sign is not known, its slope is in [-1, 1]."""
+        """The absolute value |a|.
+
+        If the sign of a is not known, the slope of |a| as a function of a is enclosed
+        in [-1, 1].
+        """
         value = self.value
         sign = np.where(value.lower > 0.0, 1.0, np.where(value.upper < 0.0, -1.0, 0.0))
         unsure = np.where(sign == 0.0, self.slope.size + self.slope.error, 0.0)

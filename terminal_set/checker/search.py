@@ -86,7 +86,7 @@ class Boxes:
         return Boxes(self.lower[:, which], self.upper[:, which], self.slab[which])
 
     def halves(self, axes: NDArray[np.int64]) -> Boxes:
-        """Return both halves of all boxes, each cut along its own axis, axes (N,)."""
+        """Return the halves of all boxes; box i is cut along axis axes[i]."""
         each = np.arange(self.count)
         below, above = self.upper.copy(), self.lower.copy()
         below[axes, each] = above[axes, each] = self.middle[axes, each]
@@ -111,7 +111,7 @@ def is_empty(boxes: Boxes) -> Flags:
 
 @np.errstate(all="ignore")
 def cut_by(boxes: Boxes, constraint: Model) -> tuple[Boxes, Flags]:
-    """Drop points with c > 0.
+    """Drop points with c > 0, for a function c enclosed by the model `constraint`.
 
     With the number c_0 and the slopes g_a of the model of c in its variables s_a in
     [-1, 1], c >= c_0 + sum of g_a s_a - rest over the box; `rest` is a bound of all
@@ -159,7 +159,8 @@ class Judgement:
         proven: Mask of boxes over which the inequality holds, (N,).
         suspect: Mask of boxes whose middle may be a counterexample, (N,).
         pull: Estimate of how much worse the bound is because of the width of the box in
-            each variable, shape (d, N); a box is cut along the largest one.
+            each variable, shape (d, N); a box is cut along the variable of the largest
+            estimate.
     """
 
     proven: Flags

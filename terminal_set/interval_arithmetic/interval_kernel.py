@@ -273,10 +273,12 @@ def interpret(
     Args:
         instructions: Instructions of the program; see `intervals._Program`, also for
             `inputs` and `outputs`.
-        inputs: Registers of the inputs, and the entries that they take.
+        inputs: For each input a register, and the row of `boxes` that is loaded into
+            it, shape (number, 2).
         outputs: Registers of the outputs.
         boxes: Lower and upper corners, shape (2, inputs, m).
-        work: The registers, shape (registers, 2, BLOCK), constants in place.
+        work: The registers, shape (registers, 2, BLOCK); those of constants are
+            filled already.
         values: Filled with the enclosures, shape (2, outputs, m).
     """
     total = boxes.shape[2]

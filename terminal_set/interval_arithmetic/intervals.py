@@ -60,7 +60,7 @@ class IntervalEvaluation(Protocol):
     """A function of boxes, which encloses the values of a function of points."""
 
     def __call__(self, lower: Array, upper: Array) -> tuple[Array, Array]:
-        """Return enclosures of the values, each (outputs, m).
+        """Return lower and upper bounds of the values over boxes, each (outputs, m).
 
         Args:
             lower: Lower corners of m boxes, shape (inputs, m).

@@ -102,7 +102,9 @@ class Kinks:
         self._arguments = _arguments(tape, kinks, cuts, name)
 
     def __call__(self, lower: Array, upper: Array) -> tuple[Mask, Mask]:
-        """Return the boxes that may have kinks, and branch cuts, as two masks (m,).
+        """Return two masks (m,): boxes that may have kinks; boxes that may have cuts.
+
+        Cuts are the branch cuts of atan2.
 
         Args:
             lower: Lower corners of m boxes, shape (n, m).

@@ -41,13 +41,13 @@ OPERATIONS: dict[str, str] = {
 
 
 def tape_of(dynamics: ca.Function) -> tuple[list[Instruction], list[int]]:
-    """Return a function's instructions, and the numbers of its results.
+    """Return a function's instructions, and the indices of those for its results.
 
     Args:
         dynamics: f(x, u) -> xdot, of SX or of MX that can be expanded.
 
     Returns:
-        The instructions; the number of the value of each entry of xdot.
+        The instructions; for each entry of xdot the index of its instruction.
 
     Raises:
         UnknownIntervalOperationError: If it has an operation that a file cannot hold.
@@ -74,11 +74,11 @@ class _Writer:
         self.builder = TapeBuilder()
 
     def constant(self, value: float) -> int:
-        """Return the number of a constant."""
+        """Return the index of the instruction for a constant, added if it is new."""
         return self.builder.number(Node("constant", (), value))
 
     def apply(self, operation: str, *operands: int) -> int:
-        """Return the number of an operation's result."""
+        """Return the index of the instruction for an operation, added if it is new."""
         return self.builder.apply(operation, operands)
 
 

@@ -84,7 +84,10 @@ class Derivatives:
             self._orders.append((function, slope, bends, ca.vertcat(*third)))
 
     def of(self, *orders: int, takes_jumps: bool = False) -> IntervalEvaluation:
-        """Return the interval evaluation of derivatives, one function after another.
+        """Return the interval evaluation of all derivatives of the given orders.
+
+        Its outputs are a column: all derivatives of the first function, then all of the
+        next function, and so on.
 
         Args:
             orders: 0 for the value, 1 for slopes, and so on to 3.
@@ -118,10 +121,10 @@ class TaylorForm:
         self._T, self._size = T, np.abs(T)
 
     def turned(self, T: Array) -> TaylorForm:
-        """Return the same form in other coordinates.
+        """Return the form of the same function c(e) with another matrix in e = T z.
 
         Args:
-            T: Matrix T of e = T z, shape (n, n).
+            T: The new matrix, shape (n, n).
         """
         other = copy(self)
         other._T, other._size = T, np.abs(T)
@@ -197,7 +200,10 @@ class TaylorForm:
         return added_up(high[0], terms), cells.spread(along, unsure)
 
     def kinks(self, lower: Array, upper: Array) -> tuple[Mask, Mask]:
-        """Return the boxes that may have kinks, and branch cuts, as two masks (m,)."""
+        """Return two masks (m,): boxes that may have kinks; boxes that may have cuts.
+
+        Cuts are the branch cuts of atan2.
+        """
         return self._kinks(lower, upper)
 
     def hessians(self, lower: Array, upper: Array) -> tuple[Array, Array]:

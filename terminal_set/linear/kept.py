@@ -30,10 +30,11 @@ _stored = count()
 
 
 def key_of(*parts: object) -> str:
-    """Return the key of a result computed from these parts by the present versions.
+    """Return the key of a result: a hash of `parts` and of the packages' versions.
 
     Args:
-        parts: Values whose `repr` is exact: numbers, texts, lists of them.
+        parts: Data from which the result is computed, with an exact `repr`: numbers,
+            texts, lists of them.
     """
     return hashlib.sha256(repr((_versions(), parts)).encode()).hexdigest()
 
@@ -55,8 +56,8 @@ def kept(
         name: Name of the equation.
         inputs: Matrices of the equation.
         solve: Function that computes the solution.
-        solves: Function of matrices, of any shapes and values: whether they are a
-            solution.
+        solves: Function: matrices -> whether they are a solution. It must accept
+            matrices of any shapes and values.
     """
     key = key_of(name, [(np.shape(one), np.asarray(one).tolist()) for one in inputs])
     found = _read(load_code(key))

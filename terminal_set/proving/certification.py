@@ -106,9 +106,9 @@ class ProofOptions:
         substeps: Number of Runge-Kutta steps in a hold, at least 1.
         growth: Whether the growth between samples is proven too; if False it is only
             measured, which takes less time.
-        work: Budget of work for the proofs of the decrease, in units of about a second,
-            and the same again for the proof of the integrator's error and for that of
-            the growth. The same budget proves the same on every machine.
+        work: Budget of work, in units of about a second, for each of three parts: the
+            proofs of the decrease, of the integrator's error, and of the growth. The
+            same budget proves the same on every machine.
         max_seconds: Wall time for all proofs together [s], on top of the budget; a
             proof that this limit ended says so (`Proof.was_late`). None: no limit.
 

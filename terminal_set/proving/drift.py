@@ -116,8 +116,8 @@ class Drift:
         rates: Entries of f(x_ref, u_ref) for these states.
         size: Upper bound D of the length of the drift per second [1/s], or per hold for
             a held input; the length of a vector v is |v|_P, the root of v'Pv.
-        relative: a, the drift relative to |e|_P for which the proof leaves room; in
-            1/s, or a fraction per hold for a held input.
+        relative: A number a: the proof leaves room for a drift of a |e|_P at the
+            deviation e; in 1/s, or a fraction per hold for a held input.
     """
 
     entries: tuple[int, ...]

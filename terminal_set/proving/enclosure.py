@@ -152,8 +152,9 @@ def undecided(
     The first bound is c / rho^2 <= quadratic + remainder, the second is `bounded`.
 
     Args:
-        bounded: Lower and upper corners of boxes with rho > 0 -> upper bounds of c,
-            (m,), and its variation along each coordinate, (1 + nx, m).
+        bounded: Function: lower and upper corners of m boxes with rho > 0 -> upper
+            bounds of c, (m,), and the variation of c along each coordinate, (1 + nx,
+            m).
         lower: Lower corners, shape (1 + nx, m).
         upper: Upper corners.
         quadratic: Upper bounds of the part of c / rho^2 that does not depend on rho,

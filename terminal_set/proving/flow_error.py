@@ -87,7 +87,7 @@ def prove_flow_error(
     """Prove a bound of the distance between the Runge-Kutta map and the flow.
 
     Args:
-        residual: Residual of the curve.
+        residual: Residual of the Runge-Kutta map's curve.
         alpha: Level of the ellipsoid, > 0.
         enough: A bound c that is tight enough, > 0.
         useless: A bound that is too large to be useful: above it, the proof stops.
@@ -133,10 +133,11 @@ class Piece:
 
 
 class ErrorSearch:
-    """The search for the bounds from which that of the Runge-Kutta error is computed.
+    """The search for three bounds, from which a bound of the map's error is computed.
 
-    They are R, for the residual of the map's curve; m, for the growth of its distance
-    from the flow; and b, for the map's error at the reference itself.
+    The map is the Runge-Kutta map over a hold. The three bounds are R, for the residual
+    of the map's curve; m, for the growth of the distance between the curve and the
+    flow; and b, for the map's error at the reference itself.
     """
 
     def __init__(self, residual: Residual, alpha: float, until: float) -> None:
@@ -342,10 +343,11 @@ class ErrorSearch:
         return np.asarray(np.nan_to_num(turns), dtype=np.float64)
 
     def relative_residual(self, piece: Piece) -> Measure:
-        """Return |r4(e) - r4(0)| / |e| on a piece of time as a quantity on cells.
+        """Return a function that bounds |r4(e) - r4(0)|_P / |e|_P on cells.
 
         r4(e) is the fourth derivative in time of the residual of the map's curve that
-        begins at the deviation e.
+        begins at the deviation e. Cells are parts of the ellipsoid; the bounds hold at
+        all times of the piece.
         """
         residual = self._residual
         own, own_wide = self._at_reference(piece)

@@ -147,15 +147,15 @@ class HeldMotion:
         self.residual = Residual(dynamics, law, dt=dt, substeps=substeps)
 
     def measured(self, alpha: float, rng: np.random.Generator) -> tuple[float, bool]:
-        """Measure the growth between samples, at states of a whole ellipsoid.
+        """Measure how far e'Pe grows between samples, from states of an ellipsoid.
 
         Args:
             alpha: Level of the ellipsoid.
             rng: Source of randomness of the directions.
 
         Returns:
-            The largest ratio of e'Pe in a hold and at its beginning, NaN if the motion
-            is undefined; whether e'Pe decreases over the hold at every state.
+            The largest ratio of e'Pe during a hold to e'Pe at its beginning, NaN if the
+            motion is undefined; whether e'Pe decreases over the hold from every state.
         """
         directions = rng.normal(size=(len(self.law.P), SAMPLES))
         boundary = Ellipsoid(P=self.law.P, alpha=alpha).boundary(directions)
@@ -264,7 +264,7 @@ def provable_hold(
 
 
 def with_proven_growth(hold: ProvableHold, alpha: float, *, work: float) -> HeldMargins:
-    """Return the margins of a hold, with its growth proven if that succeeds in time.
+    """Return the margins of a hold, with their growth proven if `work` is enough.
 
     The level `alpha` must not be above the level up to which the integrator's error is
     proven.

@@ -12,8 +12,8 @@ When an entry is used, the proof is not done again. The entry is believed only i
     K and P solve their equations (`matrix_equations.py`)
     the reference rests, or moves as stated; the level is within all bounds
     e'Pe decreases, with the margins, at SAMPLES states of each of several levels
-    the flow from there, by STEPS steps of Runge-Kutta in place of each one, stays
-        within the stated growth and as near to the map as stated
+    the flow from these states stays within the stated growth and as near to the map as
+        stated; it is computed with STEPS Runge-Kutta steps for each step of the map
     the nearest counterexample lies above the level, and still is one
 
 These conditions are necessary, not sufficient. A program that can write the user's

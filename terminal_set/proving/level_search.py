@@ -2,7 +2,7 @@
 
 The steps of the search are
 
-    bounds     the requested level is tried first: it is proven, or a counterexample met
+    bounds     the requested level is tried first; if it is proven, the search ends
     refuted    the nearest counterexample, of the proof or of a search for it, is an
                upper limit of all levels that can be proven
     downwards  fractions of that limit, until one is proven: the model may be undefined,

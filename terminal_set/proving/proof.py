@@ -124,7 +124,7 @@ def _bounds_of(change: Change) -> DecreaseBounds:
 
 
 def radius_of(alpha: float, defect: float) -> float:
-    """Return a radius whose ball of z holds an ellipsoid of e.
+    """Return a radius r: all e = T z with e'Pe <= alpha have |z| <= r.
 
     Args:
         alpha: Level of the ellipsoid.

@@ -48,12 +48,14 @@ ULPS = 4 * float(np.finfo(np.float64).eps)
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class StepStart:
-    """The beginning of a step of the curve, for a block of cells.
+    """Enclosures of state and input at the beginning of a Runge-Kutta step.
+
+    There is one for each of m boxes of the deviation e at the beginning of the hold.
 
     Attributes:
-        lower: Lower corners of boxes of (x, u), shape (nx + nu, m).
+        lower: Lower corners of the boxes that enclose (x, u), shape (nx + nu, m).
         upper: Upper corners.
-        slopes: Derivative of (x, u) along e: middles and radii, (m, nx + nu, nx).
+        slopes: Derivative of (x, u) by e: middles and radii, each (m, nx + nu, nx).
     """
 
     lower: Array
@@ -72,7 +74,7 @@ class Residual:
         h: Length of a step [s].
         T: Matrix T of e = T z, shape (nx, nx).
         off: A bound of the rounding errors |T'PT - I| and |S T - I|, with S the
-            transposed Cholesky factor of P (S'S = P); T is its computed inverse.
+            transposed Cholesky factor of P (S'S = P); T is the computed inverse of S.
     """
 
     def __init__(
@@ -125,7 +127,7 @@ class Residual:
         self._starts = of([e], *starts)
 
     def start(self, number: int, middle: Array, reach: Array) -> StepStart:
-        """Enclose the beginning of a step.
+        """Enclose state and input at the beginning of a step, for boxes of z.
 
         Args:
             number: Number of the step, from 0.
@@ -167,7 +169,7 @@ class Residual:
             times: First and last time, from the beginning of the step on [s].
 
         Returns:
-            r4, columns; its slopes, matrices.
+            r4 as columns, and its slopes as matrices; each as middles and radii.
         """
         boxes = _timed(start, times)
         low, high = _known(self._residual(*boxes), self._stage_kinks(*boxes))
@@ -187,8 +189,8 @@ class Residual:
             tube: The radius of the tube, in |z|.
 
         Returns:
-            f_x, matrices; the slopes of f_x v along e, matrices that enclose those for
-            all v with |v|_P <= 1.
+            f_x as matrices, and as further matrices the slopes of f_x v along e for all
+            v with |v|_P <= 1; each as middles and radii.
         """
         nx = self.nx
         low, high = self._curve(*_timed(start, times))

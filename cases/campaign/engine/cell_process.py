@@ -42,7 +42,7 @@ class StoppedError(Exception):
 
 
 class OtherCodeError(Exception):
-    """The code in the process differs from the code of which the cell's key was made.
+    """The code in the process is not the code from which the cell's key was made.
 
     Attributes:
         versions: Versions of the packages that the process has.
@@ -87,17 +87,20 @@ class CellProcess:
         self._is_stopped = False
 
     def done(self, order: Order) -> dict[str, Any]:
-        """Carry out a cell; return `content`, and `files` if they are sent back.
+        """Carry out a cell, and return its reply.
 
-        The order is the cell as plain data, as from `Cell.order`.
+        The order is the cell as plain data, as from `Cell.order`. The reply is a
+        mapping: "content" is what the cell's file `cell.json` contains; "files" are the
+        cell's files, if the order names no folder for them; "is_lost" is true if no
+        attempt was completed, since the process died or reached a limit of time.
 
         A cell whose process dies is tried once more. If the hard limit ended the work,
         the cell's `rescue` finishes the cell.
 
         Raises:
             StoppedError: If `stop` was called during the cell.
-            OtherCodeError: If the code in the process differs from the code of which
-                the cell's key was made.
+            OtherCodeError: If the code in the process is not the code from which the
+                cell's key was made.
             RecordError: If the result cannot be written.
         """
         began, ending = Beginning(), Ending(how="")

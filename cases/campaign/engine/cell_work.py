@@ -154,7 +154,7 @@ def cell_content(
 
 
 def done(order: Mapping[str, Any], folder: Path) -> str:
-    """Carry out a cell's work; return the content of its mark as JSON.
+    """Carry out a cell's work; return the content of its file `cell.json`.
 
     Errors of any type become text here, so that the other cells continue.
     """
@@ -193,7 +193,7 @@ def _text(content: Mapping[str, Any]) -> str:
 
 
 def commit(folder: Path, text: str, *, seconds: float) -> None:
-    """Write the mark of a cell, after all other files of its folder.
+    """Write the mark of a cell, `cell.json`, after all other files of its folder.
 
     Args:
         folder: The cell's folder.

@@ -38,11 +38,11 @@ def declare_cell_process(reply: int) -> None:
 
 @contextmanager
 def hard_limit(seconds: float | None) -> Iterator[None]:
-    """End this process if the context takes longer, also in native code.
+    """End this process if the body of the `with` statement takes longer.
 
-    Time for compiling machine code does not count. If limits are nested, the one that
-    ends earlier counts. Outside of a process of cells, in another thread than the main
-    one, or on a system without SIGALRM there is no limit.
+    Native code is ended, too. Time for compiling machine code does not count. If limits
+    are nested, the one that ends earlier counts. Outside of a process of cells, in
+    another thread than the main one, or on a system without SIGALRM there is no limit.
 
     Args:
         seconds: Wall time [s]; None or infinity means no limit.

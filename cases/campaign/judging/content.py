@@ -280,7 +280,7 @@ def _profile(
 def profile_times(
     found: Sequence[Judged], asked: Asked
 ) -> tuple[str, np.ndarray[Any, np.dtype[np.float64]]]:
-    """Return the effort of solvers to come near the best, shape (solvers, instances).
+    """Return the unit of effort, and the effort of solvers to come near the best.
 
     Args:
         found: Results on the scenarios, each with the same solvers in the same order.
@@ -288,8 +288,8 @@ def profile_times(
             seconds.
 
     Returns:
-        "evaluations" or "seconds", and the effort in it; infinite if a solver never
-        came near the best.
+        "evaluations" or "seconds", and the effort in this unit, shape (solvers,
+        instances); infinite if a solver never came near the best.
     """
     # Evaluations if they are limited, since they do not depend on the machine.
     by_clock = asked.budget.get("evaluations") is None and (

@@ -45,7 +45,7 @@ class Shown:
 
     @property
     def merit(self) -> tuple[int, int]:
-        """Scenarios gained minus scenarios lost: first by successes, then by costs."""
+        """Scenarios gained minus scenarios lost, by successes and by costs."""
         return (
             len(self.more) - len(self.fewer),
             len(self.cheaper) - len(self.costlier),

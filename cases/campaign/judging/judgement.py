@@ -64,7 +64,8 @@ class Results:
 
     Attributes:
         names: Names of the solvers.
-        deterministic: Whether each solver has one run, which is repeated in its row.
+        deterministic: For each solver whether it has only one run; then all entries of
+            its rows are those of this run.
         costs: Verified costs, shape (solvers, seeds); infinite if infeasible.
         near: Whether the cost is near the best known, shape (solvers, seeds).
         seconds: Times, shape (solvers, seeds), infinite if a run has not ended; None if

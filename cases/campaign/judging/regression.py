@@ -77,7 +77,7 @@ def regression(
     Args:
         old: Content of the older comparison, as from `content_of` or `read_comparison`.
         new: Content of the newer comparison.
-        margin: Largest change that counts as none: relative for costs and seconds, a
+        margin: Largest change that counts as "same": relative for costs and seconds, a
             difference for success rates; above 0, below 1.
         against: Origin of the older comparison, in words.
 

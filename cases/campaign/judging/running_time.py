@@ -6,8 +6,9 @@
 so that the effort of failed runs counts. A history has the best answer so far at marks
 of the effort, so that any budget and any target can be chosen afterwards. A solver's
 own values count only if its verified answer supports them: a run has reached a target
-if its verified cost has reached it. The effort counted is that of the first mark of the
-run's history with that cost, or that of the whole run.
+if its verified cost has reached it. The effort counted is that of the first mark at
+which the run's history has reached the target, too; if there is no such mark, it is
+that of the whole run.
 
 Source: Hansen, Auger, Ros, Mersmann, Tusar and Brockhoff (2021), COCO: a platform for
 comparing continuous optimizers in a black-box setting, Optimization Methods and

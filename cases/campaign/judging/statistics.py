@@ -118,14 +118,14 @@ def _p_of_rows(values: Array, has_ties: bool) -> Array:
 
 
 def sign_ps(first: ArrayLike, second: ArrayLike) -> Array:
-    """Return p of the exact two-sided McNemar test for each row: the sign test.
+    """Return p values of exact two-sided McNemar tests, which are sign tests.
 
     Args:
         first: Numbers of pairs in which only the first has succeeded, shape (tests,).
         second: Numbers of pairs in which only the second has succeeded, shape (tests,).
 
     Returns:
-        p of each test, shape (tests,); 1 if there is no such pair.
+        p of each test, shape (tests,); 1 if both numbers of pairs are 0.
     """
     from scipy.stats import binom
 
@@ -161,7 +161,7 @@ def holm_of_those_that_can(
     Args:
         p_values: p values of exact tests.
         counts: Number of pairs that differ in each test.
-        share: Part of the allowed chance of a false claim that these tests have.
+        share: Part of the allowed chance of a false claim that is given to these tests.
 
     Source: Tarone (1990), A modified Bonferroni method for discrete data, Biometrics
     46.
@@ -214,7 +214,7 @@ def chances_of_less(values: ArrayLike, others: ArrayLike) -> Array:
 
 
 def quantile(values: ArrayLike, share: float) -> float | None:
-    """Return the least value that at least this share of the values does not exceed.
+    """Return a quantile: the least value with at least this share at or below it.
 
     None if that value is infinite, or if there are no values. P99 of 30 values is the
     largest.
@@ -349,8 +349,8 @@ def _end(count: int) -> int:
 def with_ties(costs: Array, same: float = SAME) -> Array:
     """Return costs in which practically equal ones are replaced by the same number.
 
-    From the least on, each cost within `same` of the first cost of a group becomes that
-    cost.
+    Costs are grouped in increasing order. A group begins with its least cost, and holds
+    all costs within `same` of it; they are replaced by this least cost.
 
     Args:
         costs: Costs, any shape; infinite for infeasible answers.

@@ -37,7 +37,8 @@ def holds(
             value exceeds every bound.
 
     Returns:
-        None if the relation cannot be judged: the measure is a list, or is not defined.
+        Whether the relation holds. None if that cannot be judged: the measure is a
+        list, or it is not defined, `bound` is a number and `reason` is not NEVER.
     """
     if isinstance(measured, list):
         return None

@@ -54,12 +54,14 @@ class RunStatus(NamedTuple):
         is_usable: Whether any of its plans can be used.
         plan: Status of the one plan that was followed to its end; None for other runs.
         found: What was found, in words: how many planned steps found a feasible plan,
-            or what the one plan is.
+            or found none; the status of the one plan; or, for vehicles with committed
+            plans, that each followed its own.
         more: Text after `found`; it is empty or begins with a comma or semicolon.
         all_found: Whether every plan is feasible.
         reason: Reason for the status of the one plan; empty for other runs.
         advice: Advice on what to change; empty if there is none.
-        paragraphs: Paragraphs of the docs that explain a result with problems.
+        paragraphs: Paragraphs of the docs that explain what is wrong with the result;
+            empty if nothing is wrong.
     """
 
     is_usable: bool
@@ -72,7 +74,7 @@ class RunStatus(NamedTuple):
     paragraphs: tuple[Paragraph, ...] = ()
 
     def sentence(self, remark: str = "") -> str:
-        """Return one sentence on how the run ended, with a remark on the findings."""
+        """Return one sentence on how the run ended; the remark follows `found`."""
         why = "; ".join(filter(None, (self.reason, self.advice)))
         told = f"simulated to the end; {self.found}{remark}{self.more}"
         return f"{told}: {why}" if why else told
@@ -221,8 +223,9 @@ class Interrupted(Sendable, KeyboardInterrupt):
     Attributes:
         folder: The run's folder; None if the run is not recorded.
         finished: Number of finished steps.
-        run: The finished run if only the search for its bound was interrupted, with the
-            best bound found by then if there is one; else None.
+        run: The finished run, if only the search for its lower bound was interrupted;
+            it has the best bound found by then, if any. None if the simulation was
+            interrupted.
     """
 
     def __init__(
@@ -438,7 +441,10 @@ def measured_run(
 
 
 def default_folder(resolved: Resolved, seed: int, root: Path) -> Path:
-    """Return root/<scenario>/<key>, the default folder of a run's record."""
+    """Return root/<scenario>/<key>, the default folder of a run's record.
+
+    The key is the hash of all that determines the result of the run (`key_of`).
+    """
     return root / resolved.scenario.name / key_of(resolved, seed)
 
 
@@ -452,8 +458,8 @@ def key_of(resolved: Resolved, seed: int) -> str:
 def determining(resolved: Resolved) -> dict[str, Any]:
     """Return the settings that can change a result.
 
-    The key `backend` is left out: the evaluator that it led to is part of the key
-    instead.
+    The setting `backend` is left out: the hash that names a run (`key_of`) contains the
+    evaluator that was chosen by this setting.
     """
     told_only = "claims", "title", "source", "backend"
     return {

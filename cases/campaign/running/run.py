@@ -112,8 +112,8 @@ def run(
         recording: Folder and options of the record; None means no record and no
             figures.
         bound_s: Work for a lower bound of the one plan, after all other work, in units
-            of about a second; None means no bound. It changes no other result and no
-            key.
+            of about a second; None means no bound. It changes neither other results nor
+            the hash by which the run is recognised.
         threads: Largest number of threads and processes, as in `solve`.
         progress: Callback after each step.
 
@@ -146,7 +146,10 @@ def run(
 
 
 def run_cell(job: Mapping[str, Any], folder: Path) -> dict[str, Any]:
-    """Return measures of a run in a worker; if figures are drawn, keep its record."""
+    """Run a scenario in a worker process; return status, measures and wall time.
+
+    If figures are drawn, the record of the run is kept in the folder.
+    """
     resolved = resolved_again(job["settings"], job["variant"])
     finished = run(
         resolved,
@@ -160,7 +163,10 @@ def run_cell(job: Mapping[str, Any], folder: Path) -> dict[str, Any]:
 
 
 def modules_of(job: Mapping[str, Any]) -> tuple[str, ...]:
-    """Return the modules that a run uses by name, for the key of its cell."""
+    """Return the modules that a run imports by the names in its settings.
+
+    If their code is edited, an earlier result of the same run is not used again.
+    """
     settings = job["settings"]
     named = modules_of_settings(settings)
     if not job["figures"]:

@@ -59,8 +59,9 @@ class Contest:
     Attributes:
         name: Name of the scenario, with a number if several scenarios share it.
         resolved: The scenario, without the settings of the solvers.
-        of: "plan" or "flight".
-        entries: Cells of each solver, in the order of the solvers.
+        of: "plan" if the one planning problem is compared, "flight" if whole runs in
+            closed loop are compared.
+        entries: Each solver with its runs (cells), in the order of the solvers.
         left_out: Names of solvers that cannot take part in it.
     """
 
@@ -272,9 +273,10 @@ def _flown(resolved: Resolved, solver: Solver, plan: ComparisonPlan) -> Entry:
 
 
 def interleaved(contests: Sequence[Contest]) -> list[Cell]:
-    """Return all cells, scenario after scenario, and seed after seed in each.
+    """Return the runs (cells) of all solvers, by scenario and then by seed.
 
-    Thus other load of the machine affects all solvers of a scenario alike.
+    The solvers take turns, seed by seed, so that other load of the machine affects all
+    solvers of a scenario alike.
     """
     cells = []
     for contest in contests:
@@ -404,8 +406,8 @@ def bounds_of(
         carried_out: Function of cells that returns their outcomes in the same order.
 
     Returns:
-        Bounds by scenario, of the form of `About.bound`. For a value that is maximised
-        the sign of the bound is changed, as that of a cost to minimise.
+        The bound of each scenario by its name, in the form of `About.bound`. If a value
+        is maximised, the bound is one of the negative value, which is minimised.
     """
     if seconds is None:
         return {}
@@ -421,7 +423,7 @@ def bounds_of(
 def bound_cell_of(
     contest: Contest, outcomes: Mapping[str, Outcome], seconds: float
 ) -> Cell:
-    """Return the cell of a scenario's bound."""
+    """Return the cell (a unit of work) that seeks the lower bound of a scenario."""
     resolved = contest.resolved
     return Cell(
         work="swarmstart.cases.campaign.trials.bounds:bound_cell",

@@ -60,8 +60,8 @@ class Judgement:
         paragraph: Paragraph of the docs that explains the refusal; None if the
             trajectory is accepted.
         cost: Cost along the finely simulated path, as the problem's file states it.
-        worst: The largest excess over a limit, relative to its scale; None if there is
-            none.
+        worst: The excess over a limit that is largest relative to the limit's scale;
+            None if no limit is exceeded.
         best: Best known value of the problem; None if no value is known.
         sense: 1 if the cost is minimised, -1 if it is maximised.
     """
@@ -126,7 +126,7 @@ def judge(problem: str, file: str | Path) -> Judgement:
     Raises:
         TrajectoryFileError: If the file has wrong columns or rows, or values outside of
             the bounds of the controls.
-        OwnSolverError: If a control must have whole numbers, and has others.
+        OwnSolverError: If a control that must be a whole number has another value.
         SwarmstartError: If the problem cannot be read or posed.
 
     Example:

@@ -144,9 +144,9 @@ class Row:
 
     Attributes:
         entry: The solver and the scenario.
-        outcomes: Outcomes of its cells.
+        outcomes: Outcomes of the solver's runs on the scenario.
         feasible: Number of feasible answers.
-        successes: Number of answers near the best known cost.
+        successes: Number of answers within 1 % of the best known cost.
         success_interval: 95 percent interval of the rate of successes; None for a
             deterministic solver.
         costs: Verified costs of the feasible answers, sorted.
@@ -156,7 +156,7 @@ class Row:
             are not, or whose verified cost differs from the one that it reports.
         expected_evaluations: Expected evaluations until an answer is near the best
             known cost, if failed runs are followed by new ones; None if no run comes
-            near, or if the number is not known.
+            near, or if the runs did not count their evaluations.
     """
 
     entry: Entry
@@ -328,8 +328,8 @@ def compare(  # noqa: PLR0913 - the options of a command
         allow_code: As in `run`.
         settings: Settings of the scenarios, as in `run`.
         progress: True: shown on a terminal and in a notebook if it takes more than two
-            seconds. False: not shown. A function is called with (finished cells, all
-            cells, name of the next one).
+            seconds. False: not shown. A function is called with (finished runs, all
+            runs, name of the next run).
 
     Returns:
         A row for each problem and solver, in this order.

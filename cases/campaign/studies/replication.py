@@ -45,12 +45,13 @@ FLOWN_BY = "swarmstart.cases.campaign.running.run:run_cell"
 def cell_of_run(
     resolved: Resolved, seed: int, *, figures: bool = False, flown_by: str = FLOWN_BY
 ) -> Cell:
-    """Return the cell of one run.
+    """Return one run as a cell, that is, as a unit of work for a worker process.
 
     Args:
         resolved: The scenario.
         seed: The seed.
-        figures: Whether figures are drawn, into `figures` of its folder.
+        figures: Whether figures are drawn, into the folder `figures` within the folder
+            of the cell.
         flown_by: "module:function" that makes the run; the default one returns the
             measures.
     """
@@ -151,15 +152,15 @@ class Chapter(Part):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class PlannedPart:
-    """A part of a claim with the cells that judge it.
+    """A part of a claim with the runs (cells) that judge it.
 
     Attributes:
         part: The part.
-        claim: Claim of the scenario; for a computation a claim that is made from the
-            part.
+        claim: Claim of the scenario that the part names. If the part is a computation,
+            or states a measure of its own, the claim is made from the part.
         variant: The variant that is run; empty if there are no variants.
         reason: Reason why the measure can be undefined, as in `claims.holds`.
-        cells: For each seed one cell, or a pair of cells of which the first is compared
+        cells: For each seed one run (cell), or two runs, the first of which is compared
             with the second.
         commands: Commands that make these runs, without the seed.
     """
@@ -184,7 +185,7 @@ class JudgedPart:
         verdict: The verdict on the part.
         test: Words on the verdict: the statistical test, the number of supporting runs,
             or the reason why the part is not judged; may be empty.
-        failures: Reasons why cells failed.
+        failures: Reasons why runs failed.
     """
 
     planned: PlannedPart
@@ -232,7 +233,7 @@ def claims_in(content: bytes, *, name: str) -> Chapter:
 def planned(
     chapter: Chapter, claim: ChapterClaim, *, seeds: int | None
 ) -> list[PlannedPart]:
-    """Return a claim's parts with their cells.
+    """Return a claim's parts with their runs (cells).
 
     Args:
         chapter: The chapter.
@@ -326,7 +327,10 @@ def figure_cells(chapter: Chapter) -> list[Cell]:
 
 
 def drawn_by_key(chapter: Chapter) -> dict[str, Cell]:
-    """Return cells of runs with figures, by the keys of the same runs without them."""
+    """Return the runs that draw figures, by the keys of the same runs without figures.
+
+    Runs are cells, units of work for a worker process; a key is the hash of a cell.
+    """
     bare = [cell_of_run(_of_figure(chapter, f), 0).key for f in chapter.figures]
     return dict(zip(bare, figure_cells(chapter), strict=True))
 

@@ -67,7 +67,7 @@ TABLE, ANSWERS = "instances.csv", "solutions.npz"
 
 
 class NoInstancesError(SwarmstartError, ValueError):
-    """A scenario has no instances, or instances of a name that it does not have."""
+    """A scenario has no instances, or they vary a name that the scenario lacks."""
 
 
 class SweepInterrupted(Sendable, KeyboardInterrupt):
@@ -186,7 +186,8 @@ def swept(
         progress: As in `solve_many`.
 
     Raises:
-        NoInstancesError: If the scenario has no instances, or names are unknown.
+        NoInstancesError: If the scenario has no instances, or they vary a state or
+            parameter that is unknown.
         SeveralPlansError: If the scenario has several planning problems a step.
         CodeNotAllowedError: If the scenario runs a user's file, which is not allowed.
         InvalidProblemError: If `strict` is true and an instance is invalid.
@@ -355,7 +356,8 @@ def sweep(  # noqa: PLR0913 - the options of a command
         The answers, as `solve_many` returns them.
 
     Raises:
-        NoInstancesError: If the scenario has no instances, or names are unknown.
+        NoInstancesError: If the scenario has no instances, or they vary a state or
+            parameter that is unknown.
         InvalidScenarioError: If the scenario can be read but not run.
         SeveralPlansError: If the scenario has several planning problems a step.
         OccupiedFolderError: If the folder holds anything but a record of this sweep.

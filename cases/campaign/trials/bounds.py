@@ -25,7 +25,7 @@ from swarmstart.ocp.answer import bounded
 
 
 def modules_of(job: Mapping[str, Any]) -> tuple[str, ...]:
-    """Return further modules whose code a cell uses: its kind and the certificate."""
+    """Return further modules whose code is used: of the kind and of certificates."""
     # Named as text in the record, so the imports do not lead there.
     certifying = CONTENT_OF.partition(":")[0]
     return (*modules_of_settings(job["settings"]), certifying)

@@ -79,7 +79,8 @@ class Built:
         posed: The problem.
         planner: The planner; its search has a part of the trial's budget.
         relay: Object that passes reports on to the meter of the current trial.
-        space: Search space of a peer; None without a peer.
+        space: Search space, if the solver is a search of another package (a peer); None
+            for other solvers.
         seconds: Time to build these parts, without compiling [s].
         compile_seconds: Time to compile these parts [s].
     """
@@ -200,7 +201,10 @@ def is_loud(trial: Trial) -> bool:
 
 
 def share_of(planner: Planner, trial: Trial) -> dict[str, Any]:
-    """Return the part of a trial's budget for the search or the peer."""
+    """Return the part of a trial's budget that is left to its search.
+
+    The search may be one of another package. An NLP solver after it gets the rest.
+    """
     solver, budget = trial.solver, dict(trial.budget)
     if not solver.plugin:
         return budget

@@ -40,15 +40,15 @@ def flight_cell(
     named: bool = False,
     by: str = "",
 ) -> Cell:
-    """Return the cell of one closed-loop run.
+    """Return one closed-loop run as a cell, a unit of work for a worker process.
 
     Args:
         resolved: The scenario, with the search and polish of its plans.
         seed: The number of the run. It is the seed of the solver, and is added to the
             seeds that the scenario has (`seeded`).
         timeout_s: Time limit [s]; None means no limit.
-        named: Whether the scenario's claims are judged; else scenarios that differ only
-            in name and claims share one cell.
+        named: Whether the scenario's claims are judged. If not, scenarios that differ
+            only in name, title, source or claims share one cell, and are run once.
         by: The solver, for the label; empty means the scenario's own search.
 
     Raises:

@@ -54,7 +54,7 @@ class Meter:
     """Counter of one trial's work, which keeps the best answer and ends the trial.
 
     Attributes:
-        work: Evaluations that NLP solvers asked for.
+        work: Numbers of rollouts, gradients and Hessians that NLP solvers asked for.
         ratios: Costs of derivatives, in rollouts; those of the last NLP if there are
             several.
         stopped: The limit that stopped the solver: "evaluations" or "seconds"; empty if
@@ -139,7 +139,10 @@ class Meter:
         best: Callable[[], Individual],
         answer: Callable[[Array], Answer],
     ) -> None:
-        """Record the time, and write a checkpoint if one is due."""
+        """Record the time at which a search has done so many evaluations.
+
+        A checkpoint is written if one is due and the best point is a new one.
+        """
         begun = self._search or 0.0
         self._clock.append((begun + evaluations, self.seconds))
         if self._kept is None or self.seconds < self._next_kept:
@@ -172,7 +175,10 @@ class Meter:
         self.ended = _ENDS.get(result.stopped, "itself")
 
     def counted(self, evaluations: float) -> None:
-        """Add work, in evaluations of one rollout."""
+        """Add work, in evaluations of one rollout, unless a search is running.
+
+        A search counts its own evaluations, which are added at its end.
+        """
         if self._search is None:
             self._spent += evaluations
 
@@ -214,7 +220,7 @@ class Meter:
         values: tuple[Array, Array],
         answer: Callable[[Array], Answer],
     ) -> None:
-        """Add a generation that a peer has evaluated.
+        """Add points that a search of another package (a peer) has evaluated.
 
         Args:
             population: The points, shape (dim, size).
@@ -261,8 +267,9 @@ class Meter:
         Args:
             seconds: End of the trial [s]; None means now.
             final: Cost and violation of the solver's answer; None means those of the
-                best answer so far. An earlier point that was better than the solver's
-                answer counts like the answer, since the solver did not return it.
+                best answer so far. If an earlier point was better than the solver's
+                answer, the history has the cost and violation of the answer in its
+                place, since the solver did not return that point.
         """
         best, improved = WORST, []
         if seconds is None:

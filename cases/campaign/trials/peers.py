@@ -71,7 +71,7 @@ class PeerError(SwarmstartError):
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class PeerTask:
-    """Task of a peer.
+    """Task of a peer, that is, of a search of another package.
 
     Attributes:
         objective: Population (dim, size) -> values to minimise (size,); raises
@@ -93,7 +93,7 @@ class PeerTask:
 
 
 def penalised(cost: Array, violation: Array, weight: float) -> Array:
-    """Return the values that a peer minimises.
+    """Return the values that a peer minimises: cost + weight * violation.
 
     Args:
         cost: Costs, shape (size,).
@@ -210,7 +210,9 @@ def cmaes_ipop(task: PeerTask) -> None:
 
 
 def peers_best(run: Callable[[PeerTask], None], task: PeerTask, name: str) -> bool:
-    """Run a peer; return whether it ended by itself.
+    """Run a search of another package; return whether it ended by itself.
+
+    If not, the budget ended it.
 
     Raises:
         PeerError: If the solver refuses its options.

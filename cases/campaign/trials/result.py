@@ -1,7 +1,8 @@
 """The result of a trial: a solver's answer, the verdict on it, and its effort.
 
-The mark of a cell keeps a result as a JSON object with the names of its fields. Readers
-(judging/) take these objects, also those of earlier versions.
+The file that marks a finished cell (a unit of work) contains the result as a JSON
+object, under the names of the fields. Readers (judging/) take these objects, also those
+of earlier versions.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ NO_WORK: Mapping[str, float] = MappingProxyType(
 
 @dataclass(frozen=True, kw_only=True)
 class TrialResult:
-    """Entries that the result of a plan and that of a flight share.
+    """Entries that results of single plans and of closed-loop runs have in common.
 
     Attributes:
         sense: 1 if the cost is minimised, -1 if it is the negative of a value that is

@@ -74,11 +74,11 @@ class Solver:
         name: Canonical name: options sorted, values as JSON.
         title: Description in a few words.
         family: Key of the function that runs it.
-        search: A key of SEARCHES, as in a scenario; "none" if the solver has no search;
-            "" if it takes the scenario's own.
-        polished: Whether an NLP solver continues from the search's answer, or works
-            alone.
-        peer: A key of PEERS; empty if the solver is none of these.
+        search: A key of SEARCHES, as in a scenario; "none" if the solver has no search
+            of this package; "" if the scenario's own search is used.
+        polished: False for a search of this package without an NLP solver after it, and
+            for a rule of swarms; else true.
+        peer: A key of PEERS, the solvers of other packages; empty for all others.
         plugin: The NLP solver, by its name in CasADi; empty if the solver has none.
         options: Options of the search or the peer, sorted; values as JSON.
         polish_options: Options of the NLP solver.
@@ -103,7 +103,7 @@ class Solver:
 
 
 def solver_of(text: str) -> Solver:
-    """Return the solver of a name; see the head of this module.
+    """Return the solver that `compare` knows by a name, with options in brackets.
 
     Raises:
         UnknownSolverError: If no solver has that name, or the solver does not have a

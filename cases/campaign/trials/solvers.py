@@ -182,9 +182,9 @@ def solve_cell(
 def judge_checkpoint(
     job: Mapping[str, Any], folder: Path, *, code_in: str | None = None
 ) -> dict[str, Any]:
-    """Return the result of a cell whose process the hard limit has ended.
+    """Return the result of a run that the system has ended, since it took too long.
 
-    The arguments are those of `solve_cell`.
+    The last checkpoint of the run is judged. The arguments are those of `solve_cell`.
     """
     text = _common(job)
     posed, _ = _posed(text, code_in)
@@ -192,7 +192,7 @@ def judge_checkpoint(
 
 
 def modules_of(job: Mapping[str, Any]) -> tuple[str, ...]:
-    """Return further modules whose code a cell uses: of its kind, solver and search."""
+    """Return further modules whose code is used: of the kind, solver and search."""
     solver = solver_of(job["solver"])
     named = [words_of(job["settings"]["kind"]).kind]
     if solver.peer:

@@ -91,8 +91,8 @@ class Found(NamedTuple):
         plan: The plan.
         solution: The verified plan, if the solver has verified it itself.
         has_ended: Whether the solver ended by itself.
-        rest: Iterator over the answers of the steps of `solve` that are left, the
-            repair first; None if none are left.
+        rest: Iterator over the answers of the remaining steps of `solve`, the first of
+            which is the repair; None if no step remains.
     """
 
     plan: Plan

@@ -342,9 +342,11 @@ def _unbounded(contests: Sequence[Contest], plan: ComparisonPlan) -> list[str]:
 
 
 class Known(NamedTuple):
-    """A cost known from outside of the comparison.
+    """A cost that is known from outside of the comparison.
 
-    For a value that is maximised its sign is changed, as that of a cost to minimise.
+    Attributes:
+        cost: The cost; if a value is maximised, the negative of that value.
+        where: Source of the cost, in words; empty if the plan or an option states it.
     """
 
     cost: float

@@ -94,7 +94,9 @@ def _asked(options: argparse.Namespace) -> Asked:
 
 
 def listing(asked: Asked) -> dict[str, dict[str, Any]]:
-    """Return the requested entries: topic -> name -> entry; measures by kind.
+    """Return the requested entries: topic -> name -> entry.
+
+    Measures are one level deeper: "measures" -> kind or scenario -> name -> entry.
 
     Raises:
         NothingListedError: If nothing is listed.

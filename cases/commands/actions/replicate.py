@@ -68,7 +68,7 @@ class Plan:
         chapter: The chapter.
         claims: The claims to judge.
         parts: The parts of each claim, in the same order.
-        figures: Cells of the figures; empty if single claims are chosen.
+        figures: Runs (cells) of the figures; empty if single claims are chosen.
     """
 
     chapter: Chapter
@@ -77,7 +77,7 @@ class Plan:
     figures: list[Cell]
 
     def cells(self) -> list[Cell]:
-        """Return every distinct cell; those with figures, which are longest, first."""
+        """Return every run (cell) once; those with figures are longest, so first."""
         every = [cell for parts in self.parts for cell in cells_of(parts)]
         return list({cell.key: cell for cell in (*self.figures, *every)}.values())
 

@@ -90,7 +90,7 @@ def measure_table(
 
     Args:
         resolved: The scenario.
-        values: Name -> the cells between the name and the unit.
+        values: Name of a measure -> texts of the columns between name and unit.
         head: Titles of all columns.
         notes: Name -> text that is added in brackets to the meaning of the measure.
     """

@@ -91,7 +91,7 @@ def time_of_excess(finished: Run) -> str:
 def told_status(finished: Run) -> str:
     """Return the sentence on how a run ended.
 
-    If all plans are feasible, but the path breaks a constraint, it says so.
+    If all plans are feasible, but the path breaks a constraint, the sentence says so.
     """
     hides_broken = finished.ended.all_found and breaks_constraint(finished)
     return finished.ended.sentence(_BUT_BROKEN if hides_broken else "")

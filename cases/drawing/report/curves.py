@@ -75,7 +75,10 @@ def reached(
     budget: str,
     points: int,
 ) -> Figure | None:
-    """Return a figure of the share of targets reached; None without such a curve."""
+    """Return a figure of the share of target costs reached over evaluations.
+
+    None if no solver has such a curve.
+    """
     curves = {
         row["solver"]: _known(
             row["ecdf"]["evaluations"],
@@ -119,7 +122,10 @@ def without_profile(content: Mapping[str, Any]) -> str:
 def profile(
     content: Mapping[str, Any], *, numbers: Mapping[str, int], points: int
 ) -> Figure | None:
-    """Return a figure of the performance profile over all scenarios, or None."""
+    """Return a figure of the performance profile over all scenarios.
+
+    None if the comparison has no profile.
+    """
     if without_profile(content):
         return None
     given = content["profile"]

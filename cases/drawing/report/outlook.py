@@ -35,8 +35,9 @@ class Outlook:
     """Plans and bounds.
 
     Attributes:
-        paths: Time [s] at which plans were made -> for each vehicle the states of the
-            planned path, shape (nx of a vehicle, n), or None.
+        paths: Pairs of a time [s] at which plans were made, and for each vehicle the
+            states of the planned path, shape (nx of a vehicle, n), or None if the
+            vehicle did not plan then.
         states: Lower and upper bounds of the states; None if they are not known.
         controls: Lower and upper bounds of the controls; None if they are not known.
         notes: Sentences on missing plans or bounds.

@@ -156,8 +156,8 @@ def band_panel(label: str, times: Sequence[float], band: Mapping[str, Any]) -> "
     Args:
         label: The quantity and its unit.
         times: Instants [s].
-        band: "low", "median" and "high" at each instant, possibly at later ones, too;
-            None in place of a value that is not known.
+        band: Lists "low", "median" and "high" with a value for each instant; further
+            values are not drawn. None stands for a value that is not known.
     """
     x = across(times[-1], begin=times[0])
     sides = [

@@ -39,7 +39,7 @@ class Cell:
 
     @property
     def attribute(self) -> str:
-        """Return the value as an HTML attribute; empty if the words contain it."""
+        """Return the value as an HTML attribute; empty if the words are the same."""
         told = "" if self.value is None else f"{self.value:.6g}"
         return "" if told == self.words else told
 

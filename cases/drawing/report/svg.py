@@ -58,7 +58,7 @@ class Chart:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Axis:
-    """A scale from values to places.
+    """A scale from values to places in a chart, in units of its view box.
 
     Attributes:
         low: Value at `start`.

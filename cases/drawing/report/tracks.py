@@ -53,7 +53,7 @@ class Plane:
         headings: Heading of each vehicle at the frames, shape (vehicles, F) [rad].
         surroundings: Discs, targets and leader around the vehicles.
         plans: For each instant at which plans were made: its time [s], and for each
-            vehicle the planned path, shape (2, n), or None.
+            vehicle the planned path, shape (2, n), or None if it did not plan then.
         words: A sentence on the axes if they are not those of the ground.
     """
 

@@ -86,7 +86,7 @@ def draw(
 
 
 def exact_flight(scenario: CloseFormationScenario) -> Trajectory:
-    """Return the same flight with the exact minimum of J in every step (IPOPT)."""
+    """Return the same flight with plans of exactly least cost, made by IPOPT."""
     # No search: IPOPT starts from the last plan.
     alone = search_part("none").model_validate(
         {"name": "none", "warm_start": "one", "sampling": None}

@@ -87,7 +87,7 @@ def savings(flight: CloseFormationFlight, states: Array) -> Array:
 
 
 def best_saving(flight: CloseFormationFlight) -> float:
-    """Return the largest drag saved at the leader's height, a fraction."""
+    """Return the largest saving of drag at the leader's height, as a fraction."""
     from scipy.optimize import minimize_scalar  # Slow to import; only measures need it.
 
     span = flight.posed.aircraft.span_ft
@@ -101,7 +101,7 @@ def best_saving(flight: CloseFormationFlight) -> float:
 
 
 def reference_costs(flight: CloseFormationFlight, trajectory: Trajectory) -> Array:
-    """Return J of each step's plan after a polish by IPOPT, shape (T,)."""
+    """Return the cost of each step's plan after a polish by IPOPT, shape (T,)."""
     # Tighter than a plan's polish, so that the error of J* is not in the gaps.
     polisher = Polisher(flight.loop.planner.fitness, IpoptOptions(tolerance=1e-10))
     best, lowered = [], flight.loop.planner.lowered

@@ -186,11 +186,11 @@ def _plant(
 
 
 def leader_of(leader: Leader) -> Callable[[Array], Array]:
-    """Return a function from times (n,) [s] to (V_L, psi_L, h_L), shape (3, n).
+    """Return the leader's speed, heading and height: times (n,) [s] -> shape (3, n).
 
-    If `leader.between` is `hold`, a row is valid until the next one. If it is `linear`,
-    values change evenly from row to row, and stay as they are after the last row.
-    Headings are not wrapped.
+    If `leader.between` is `hold`, a row of the manoeuvre is valid until the time of the
+    next row. If it is `linear`, values change evenly from row to row, and stay as they
+    are after the last row. Headings are not wrapped.
     """
     times = np.array([row.time_s for row in leader.manoeuvre])
     rows = np.array(

@@ -112,7 +112,7 @@ class Start(Part):
 
 
 class LeaderRow(Part):
-    """The leader from an instant on.
+    """Speed, heading and height of the leader from an instant on.
 
     Attributes:
         time_s: Time from which the row is valid [s].

@@ -90,7 +90,10 @@ def clearances(
 
 
 def lyapunov(posed: PosedFormation, trajectory: Trajectory) -> Array:
-    """Return e'Pe of each UAV at the control instants, shape (uavs, T + 1)."""
+    """Return e'Pe of each UAV at the control instants, shape (uavs, T + 1).
+
+    e is the deviation of a UAV from its slot, P the matrix of the terminal set.
+    """
     deviations = errors(posed, trajectory.times, trajectory.states)
     return np.stack([posed.terminal_set.value(e) for e in deviations])
 

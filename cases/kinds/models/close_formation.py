@@ -71,10 +71,10 @@ class Wingman:
 
     Attributes:
         aircraft: Geometry and flight condition, of the leader too.
-        speed_lag_s: tau_V [s].
-        heading_lag_s: tau_psi [s].
+        speed_lag_s: Lag tau_V of the speed [s].
+        heading_lag_s: Lag tau_psi of the heading [s].
         height_lag_a_s: t_a, the shorter lag of the height [s].
-        height_lag_b_s: t_b, the longer one [s].
+        height_lag_b_s: t_b, the longer lag of the height [s].
         turn_rate_rad_s: Largest turn rate of the autopilot [rad/s]; None means no
             limit.
 

@@ -81,11 +81,12 @@ class Aircraft:
         span_ft: Wing span b [ft].
         wing_area_ft2: Wing area S [ft^2].
         weight_lb: Weight W [lb].
-        air_density_slug_ft3: rho [slug/ft^3]; the default is that of 45,000 ft.
+        air_density_slug_ft3: Density rho of the air [slug/ft^3]; the default is that at
+            45,000 ft.
         speed_ft_s: Speed V0 of the flight condition [ft/s].
         lift_slope_per_rad: a = dC_L/dalpha, of the wing and of the fin [1/rad].
         core_fraction: mu^2/b^2, the squared core radius over the squared span.
-        fin_efficiency: eta, dynamic pressure at the fin over qbar.
+        fin_efficiency: eta, dynamic pressure at the fin over that of the free stream.
         fin_area_ft2: Area of the fin [ft^2].
         fin_height_ft: Height h of the fin [ft].
         parasitic_drag: C_D0, which only `drag_saving` uses; zero is allowed.
@@ -131,7 +132,7 @@ class Aircraft:
 
     @property
     def acceleration_ft_s2(self) -> float:
-        """The acceleration qbar S/m of a coefficient of one [ft/s^2]."""
+        """Acceleration qbar S/m that a force coefficient of one gives [ft/s^2]."""
         return self.dynamic_pressure_lb_ft2 * self.wing_area_ft2 / self.mass_slug
 
     @property
@@ -274,8 +275,8 @@ def derivatives(aircraft: Aircraft, y_ft: Scalar, z_ft: Scalar) -> Derivatives[S
 
     Args:
         aircraft: Geometry and flight condition of leader and wingman.
-        y_ft: Lateral distance [ft]; the chapter's linear model (5.20) has the
-            derivatives at the slot, y = pi b/4.
+        y_ft: Lateral distance y [ft]. The chapter's linear model (5.20) takes the
+            derivatives at the slot, y = pi b/4 with the span b.
         z_ft: Height of the wingman above the leader [ft]. At zero C_Lz = C_Dz = 0.
     """
     G, M = aircraft.circulation_ft, aircraft.squared_core_ft2
@@ -302,9 +303,13 @@ def derivatives(aircraft: Aircraft, y_ft: Scalar, z_ft: Scalar) -> Derivatives[S
 
 
 def drag_saving(aircraft: Aircraft, y_ft: Scalar, z_ft: Scalar) -> Scalar:
-    """Return the share of the total drag that the upwash saves, C_L and G constant.
+    """Return the share of the total drag that the upwash saves.
 
         saving = C_L W/V / (C_D0 + C_L^2 / (pi AR))
+
+    W/V is the upwash divided by the speed, C_D0 the parasitic drag and AR the aspect
+    ratio. The lift coefficient C_L and the circulation of the vortices are those of
+    level flight without a wake; a change by the wake is neglected.
 
     Args:
         aircraft: Geometry and flight condition of leader and wingman. If its C_D0 is 0,

@@ -1,7 +1,7 @@
 """Figures of a problem in YAML or Python: those of any problem, with its own names.
 
-With uncertain parameters the plant is one system. The figures are then those of the
-problem of one member, that is, of one set of their values, with the states of this
+With uncertain parameters the plant is one system. The figures are then those of one
+member, that is, of one set of values of these parameters, and show the states of this
 member in each plan; one more figure shows the states of all members.
 """
 
@@ -191,7 +191,7 @@ def _place(scenario: ProblemScenario, labels: Labels) -> Place | None:
 def of_one_member(
     trajectory: Trajectory, problem: OptimalControlProblem, every: OptimalControlProblem
 ) -> Trajectory:
-    """Return a run with the part of each plan that belongs to the first member.
+    """Return a run whose plans are reduced to their part for the first member.
 
     The plans have no states, only the member's initial state.
 

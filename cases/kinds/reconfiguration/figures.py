@@ -149,7 +149,7 @@ def _controls(
 
 
 def evolution_figure(trajectory: Trajectory) -> "Figure":
-    """Return figure (b): J of each plan, and of the best point during each search.
+    """Return figure (b): cost J of each plan, and of each search's best point so far.
 
     The line of the best point is dashed as long as this point breaks limits. If each
     UAV plans alone, the costs of all UAVs are added; a search that has ended counts

@@ -188,10 +188,10 @@ def _motion(
 
 
 def gaps(joint: RecedingHorizon, trajectory: Trajectory) -> Array:
-    """Return J of each plan minus the lowest J found from its state, shape (T,).
+    """Return the cost of each plan minus the lowest one found from its state, (T,).
 
     The difference is below 0 if a plan costs less because it breaks a limit. The seed
-    of the search for the lowest J is the number of the step, so that the result does
+    of the search for the lowest cost is the number of the step, so that the result does
     not depend on the search of the flight.
 
     Args:
@@ -206,7 +206,9 @@ def gaps(joint: RecedingHorizon, trajectory: Trajectory) -> Array:
 
 
 def best_costs(joint: RecedingHorizon, states: Array) -> Array:
-    """Return the lowest J found from each state, shape (T,); infinity if none is found.
+    """Return the lowest cost of plans found from each state, shape (T,).
+
+    It is infinite for a state from which no feasible plan is found.
 
     Args:
         joint: The controller of all UAVs at once.

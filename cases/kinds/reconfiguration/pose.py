@@ -180,7 +180,7 @@ def links_of(
 def priority_team(
     scenario: ReconfigurationScenario, slots: Array, order: Sequence[int]
 ) -> tuple[tuple[PosedAgent, ...], Nearby]:
-    """Return the UAVs as agents, and the problems for 4, 8, ... other UAVs in range.
+    """Return the UAVs as agents, and a problem each for 4, 8, ... other UAVs in range.
 
     Args:
         scenario: The scenario, with `planning: priority`.
@@ -223,7 +223,7 @@ def _constant(values: ArrayLike) -> Callable[[float], Array]:
 
 
 def rooms(uavs: int) -> list[int]:
-    """Return the numbers of other UAVs for which problems are compiled: 4, 8, ..."""
+    """Return for how many other UAVs problems are compiled: 4, 8, ..., uavs - 1."""
     # Not one problem for each number: each has to be compiled.
     doubled = (FEWEST_OTHERS * 2**k for k in itertools.count())
     return [*itertools.takewhile(lambda others: others < uavs - 1, doubled), uavs - 1]

@@ -118,7 +118,7 @@ def joint_problem(
 
 
 def error(state: ca.SX, leader: ca.SX, slot: ca.SX | ca.DM, *, turned: bool) -> ca.SX:
-    """Return e_i = x_ref,i - (x_i - x_L), shape (4, 1).
+    """Return a UAV's error (0, 0, slot) - (state - leader), shape (4, 1).
 
     Args:
         state: State of the UAV.

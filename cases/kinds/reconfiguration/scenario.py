@@ -160,8 +160,8 @@ class ReconfigurationScenario(PlanningScenario):
         weights: Weights of the squared errors of v, psi, x and y, four numbers of at
             least 0.
         planning: Order of planning.
-        reference: Solver that looks for the best cost at every state for
-            gap_per_horizon: ipopt, or none.
+        reference: Solver that computes the lowest cost from every state, with which the
+            measure gap_per_horizon compares the plans: ipopt, or none.
         plant: Simulated aircraft.
     """
 

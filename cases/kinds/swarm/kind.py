@@ -146,7 +146,7 @@ def whole_run(
 def documents(
     scenario: SwarmScenario, flight: SwarmRun, trajectory: Trajectory
 ) -> Mapping[str, str]:
-    """Return the certificate of the flight, if its rule proves something."""
+    """Return the flight's certificate if the rule is `acknowledged`, else nothing."""
     del flight
     if scenario.rule != "acknowledged":
         return {}

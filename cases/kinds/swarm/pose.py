@@ -12,7 +12,7 @@ from swarmstart.ocp import SwarmController, swarm_model
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class PosedSwarm(Posed):
-    """A swarm in closed loop: `controller` plans for all vehicles, without `agents`."""
+    """A swarm in closed loop: one `controller` for all vehicles, and no `agents`."""
 
     controller: SwarmController
 

@@ -125,7 +125,7 @@ class PlanningPart(Part):
 
     Attributes:
         longest_s: Longest time of a plan [s].
-        tries: Number of flights that a search tries.
+        tries: Number of candidate flights to the goal that a search tries.
         lead_s: Time from the proposal of a plan to the instant at which this plan
             departs from the committed one [s]; null means the time of a round trip to
             all others over the links.

@@ -8,8 +8,8 @@ each UAV in its goal at the end, with any speed and heading
 Here a_i is the acceleration and phi_i the bank angle of UAV i, R_1 and R_2 are weights.
 The search chooses among paths p(t) of each UAV from its start p_0, with the velocity
 v_0, to its goal p_f in the time T. A path has three coefficients c_1, c_2 and c_3 in
-[-1, 1]; l and m are the settings `lateral` and `along`. With s = t / T, the
-displacement d = p_f - p_0 - v_0 T that the initial velocity leaves to be made, the
+[-1, 1]; l and m are the settings `lateral` and `along`. With s = t / T, the vector d =
+p_f - p_0 - v_0 T from the point that is reached at constant velocity to the goal, the
 vector e = p_f - p_0 to the goal, and n, which is e turned to the left,
 
     p(t) = p_0 + v_0 t + d h(s) + l (c_1 b_1(s) + c_2 b_2(s)) n + m c_3 b_1(s) e

@@ -19,8 +19,8 @@ class Table:
     the argument of a function after its range was reduced.
 
     Attributes:
-        pi_2: pi / 2 as a sum of parts, each of which has the next bits, rounded down:
-            with a negative part, reducing -0 would give +0.
+        pi_2: pi / 2 as a sum of parts, each of which has the next bits. They are
+            rounded down, so that none is negative: else reducing -0 would give +0.
         huge_angle: Above it the reduction of an angle loses bits.
         sin: (sin r / r - 1) / r^2 in r^2.
         cos: cos r in r^2.

@@ -242,7 +242,9 @@ def rational(
 def served_by_library(
     ir: VectorIR, function: str, method: Served, *arguments: str
 ) -> str:
-    """Return a function by `method`, or by the C library where `method` is not valid.
+    """Return a function's value by `method`, in some lanes by the C library.
+
+    Those are the lanes in which `method` is not valid.
 
     Args:
         ir: Writer of the function's body.
@@ -316,7 +318,10 @@ def _asin_parts(ir: VectorIR, x: str) -> tuple[str, str]:
 
 
 def atan(ir: VectorIR, x: str) -> str:
-    """Return atan x; odd, reduced to a small |t| at 0, pi/4 or pi/2."""
+    """Return atan x, an odd function; for x >= 0 it is 0, pi/4 or pi/2 plus atan t.
+
+    t is chosen so that |t| is small.
+    """
     base, low, small = _atan_parts(ir, ir.intrinsic("fabs", x))
     value = ir.add(base, ir.add(small, low))
     return ir.intrinsic("copysign", value, x)

@@ -152,7 +152,10 @@ def atanh(ir: VectorIR, x: str) -> str:
 
 
 def erf(ir: VectorIR, x: str) -> str:
-    """Return erf x: a polynomial near 0, 1 - exp(-x^2) Q(1 / (|x| + 3)) elsewhere."""
+    """Return erf x: a polynomial near 0, 1 - exp(-x^2) Q(1 / (|x| + 3)) elsewhere.
+
+    Q is a polynomial. A negative x gives -erf(-x).
+    """
     known, a = table(ir.form), ir.intrinsic("fabs", x)
     z = ir.mul(x, x)
     near = ir.fma(x, ir.polynomial(z, known.erf), x)

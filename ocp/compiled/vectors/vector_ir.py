@@ -205,12 +205,12 @@ class VectorIR:
         return self.emit(f"fneg {self.vector} {a}")
 
     def intrinsic(self, name: str, *arguments: str) -> str:
-        """Return an LLVM intrinsic on vectors, such as fma, sqrt, minnum."""
+        """Return the value of an LLVM intrinsic on vectors: fma, sqrt, minnum etc."""
         function = f"@llvm.{name}.v{self.lanes}{self.form.suffix}"
         return self.call(function, *arguments)
 
     def call(self, function: str, *arguments: str) -> str:
-        """Return a declared function of vectors."""
+        """Return the value of a function of vectors, which is declared if needed."""
         types = ", ".join([self.vector] * len(arguments))
         self.module.declarations.add(f"declare {self.vector} {function}({types})")
         given = ", ".join(f"{self.vector} {argument}" for argument in arguments)
@@ -364,7 +364,7 @@ class VectorIR:
         return self.emit(f"{instruction} {next(types)} {value} to {next(types)}")
 
     def lane_by_lane(self, function: str, *arguments: str) -> str:
-        """Return a function of the C library, of doubles, applied to every lane.
+        """Return the values of a C library function (of doubles) in every lane.
 
         Args:
             function: Name of the function, such as "sinh".

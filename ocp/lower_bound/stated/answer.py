@@ -15,9 +15,9 @@ the second only if end_slack is not None. Then no admissible trajectory within S
 less than V(0, x0) - slack T - end_slack, and to reach (t, x) costs at least
 V(0, x0) - V(t, x) - slack t.
 
-S begins as the tube, the bounds of the states and the path constraints. A pruning
-shrinks S. It consists of a step C without end_slack and a step G with one. By these, a
-trajectory through (t, x) costs at least
+At first S has the points of the tube that keep the bounds of the states and the path
+constraints. A pruning shrinks S. It consists of a step C without end_slack and a step G
+with one. By these, a trajectory through (t, x) costs at least
 
     C(0, x0) - C(t, x) + G(t, x) - (slack of C) t - (slack of G)(T - t) - end_slack of G
 
@@ -98,7 +98,7 @@ SENSE = Check(
 )
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class LowerBound:
-    """A limit of the cost that any answer to a problem can reach.
+    """A limit that no answer's cost can pass, or the reason why none was found.
 
     Attributes:
         kind: Kind of the bound.
@@ -173,12 +173,16 @@ class Polynomial:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Step:
-    """A polynomial with the slacks of its proven inequalities.
+    """A polynomial V(t, x) with the slacks of its proven inequalities.
+
+    These are V_t + L + V_x f >= -slack over the set, for all controls, and
+    V(T, x) <= phi(T, x) + end_slack at admissible ends, with the stage cost L, the
+    right-hand side f and the terminal cost phi.
 
     Attributes:
         polynomial: The polynomial V.
-        slack: Slack of the inequality over the set [cost / s], >= 0.
-        end_slack: Slack of the inequality at the end [cost], >= 0; None if nothing is
+        slack: Slack of the first inequality [cost / s], >= 0.
+        end_slack: Slack of the second inequality [cost], >= 0; None if it is not
             stated.
         boxes: Number of boxes of the proofs.
     """
@@ -191,11 +195,14 @@ class Step:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Pruning:
-    """Two steps that exclude points from the set; see the module's docstring.
+    """Two steps that exclude points from the set.
+
+    A point is excluded if, by both steps together, every trajectory through it costs
+    more than a known cost.
 
     Attributes:
-        come: C, a step without end_slack.
-        go: G, a step with end_slack.
+        come: Step, without end_slack, that bounds the cost from the start to a point.
+        go: Step, with end_slack, that bounds the cost from a point to the end.
     """
 
     come: Step

@@ -162,11 +162,12 @@ class Template:
         rows: D, then the axes with a bound of a state, shape (R, n).
         limits: Levels of the rows that bound a state, shape (R - K,).
         opposite: Index of the opposite of each direction, shape (K,).
-        frames: W of each face, shape (K, n, n).
+        frames: Matrix W of each face, shape (K, n, n), with x = W z for the face's own
+            coordinates z = G x.
         misfit: Bound of |x - W G x|, as computed, relative to the largest |x_i|.
         support: Dual vertices for the largest d_k x.
-        extents: Dual vertices for the ends of the faces, q_1, -q_1, q_2, ... of each;
-            None if n = 1.
+        extents: Dual vertices for the extent of each face along its directions q_1,
+            q_2, ... and their opposites: q_1, -q_1, q_2, ...; None if n = 1.
     """
 
     directions: Array

@@ -95,11 +95,14 @@ class Motion:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Cells:
-    """N parts of moving faces; see the module's docstring for the symbols.
+    """N parts of moving faces, as points (t, x) with x = W z + e.
+
+    z_0 = s(t) is the level of the face, linear from t_a to t_b; every other z_j is in
+    an interval, and e is a rounding error with |e_i| <= misfit.
 
     Attributes:
         times: t_a and t_b.
-        directions: d, shape (N, n).
+        directions: Direction d in which the rate is bounded, shape (N, n).
         frames: W, shape (N, n, n).
         levels: s at t_a and at t_b, shape (2, N).
         lower: Lower ends of z_j, j > 0, shape (N, n - 1).

@@ -276,8 +276,9 @@ class Lowered:
             at: Times, in intervals since the start, shape (n,).
 
         Returns:
-            Shape (the core's nx - nx, n); decisions and accrued costs keep their
-            initial values, and so do states that follow from signals (`signalled`).
+            Shape (the core's nx - nx, n). Decisions, accrued costs, and states that
+            follow from signals have their initial values at all times; `signalled` sets
+            the states that follow from signals.
         """
         rows = [link.along(x0, controls, at) for link in self.links]
         return np.vstack([np.empty((0, at.size)), *rows])

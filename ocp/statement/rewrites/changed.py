@@ -61,7 +61,7 @@ def with_states(
     equations: Mapping[str, Any] = NOTHING_CHANGED,
     **changes: Any,
 ) -> OptimalControlProblem:
-    """Return a problem with further states and other fields.
+    """Return a copy of a problem with further states and some fields changed.
 
     Args:
         problem: The problem before.
@@ -97,7 +97,7 @@ def with_states(
 def with_equations(model: Model, **changes: Any) -> Model:
     """Return a model with some fields changed, such as its equations.
 
-    It is in SX symbols, and its algebraic equations are solved already.
+    The model returned is in SX symbols, and its algebraic equations are solved already.
     """
     return Model(**({role: getattr(model, role) for role in _KEPT} | changes))
 
@@ -188,14 +188,15 @@ def with_parameters(
 
 
 def meaning_of_known(problem: OptimalControlProblem, role: str) -> str:
-    """Return a text for messages: the argument of `Known` that a role's values are.
+    """Return a text for messages: how values are given as an argument of `Known`.
 
     Args:
         problem: The problem.
-        role: "parameters" or "signals".
+        role: Name of the argument: "parameters" or "signals".
 
     Returns:
-        The text with the names of the values; empty if the problem has none.
+        The text, with the names of the problem's parameters or signals; empty if the
+        problem has none of them.
     """
     names = ", ".join(symbol_names(problem.symbols()[role]))
     if not names:

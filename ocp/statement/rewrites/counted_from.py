@@ -63,8 +63,8 @@ class CountedFrom(Rewrite):
         numbers: A number near the values of each state, by its name.
 
     Raises:
-        InvalidProblemError: If a number is not finite; when a problem has this feature,
-            if a name is unknown, or the problem joins phases.
+        InvalidProblemError: If a number is not finite. A problem that is stated with
+            this feature also raises the errors of `require`.
 
     Example:
         >>> import casadi as ca
@@ -102,7 +102,7 @@ class CountedFrom(Rewrite):
         """Raise if a name does not go with a problem.
 
         Raises:
-            InvalidProblemError: If it is unknown, or the problem joins phases, or
+            InvalidProblemError: If a name is unknown, the problem joins phases, or
                 states share a decided start and have different numbers.
         """
         names = problem.model.state_names
@@ -216,7 +216,7 @@ class _Parts(NamedTuple):
 
     @property
     def whole(self) -> ca.SX:
-        """The value."""
+        """The sum a + (b + k)."""
         known = self.b + self.k if self.k else self.b
         return known if self.a.is_zero() else self.a + known
 
@@ -264,7 +264,7 @@ class _Shift:
         self._known = {known[i].element_hash() for i in range(known.numel())}
 
     def __call__(self, column: ca.SX, more: Array | None = None) -> ca.SX:
-        """Return a column in z, with numbers added to its rows.
+        """Return a column with z + c in place of x, and numbers added to its rows.
 
         Args:
             column: Column in the states x, shape (m, 1).
@@ -283,11 +283,11 @@ class _Shift:
         ])  # fmt: skip
 
     def rows_of(self, column: ca.SX) -> list[int]:
-        """Return the rows of a column that depend on the moved states."""
+        """Return the rows of a column that depend on states x with a number c not 0."""
         return rows_that_depend(column, self._far)
 
     def parts(self, column: ca.SX) -> list[_Parts]:
-        """Return the rows of a column in x as parts in z."""
+        """Return each row of a column in x as `_Parts`, with z + c in place of x."""
         symbols = ca.vertcat(ca.SX(0, 1), *ca.symvar(ca.vertcat(column, self._far)))
         tape = ca.Function("tape", [symbols], [ca.densify(column)])
         work: dict[int, _Parts] = {}

@@ -50,7 +50,8 @@ class TransportDelay(Rewrite):
     Raises:
         InvalidProblemError: If a delay is negative or not finite. A problem that is
             stated with this feature also raises the errors of `require`; if a delay is
-            not a whole number of intervals, the message has the nearest that are.
+            not a whole number of intervals, the message has the nearest delays that
+            are.
 
     Example:
         >>> import casadi as ca

@@ -38,9 +38,10 @@ class Length(NamedTuple):
 
 
 def length_of(problem: OptimalControlProblem) -> Length:
-    """Return the length of a problem's horizon: a decided parameter if it is free.
+    """Return the length of a problem's horizon, with the problem's parameters.
 
-    If the length is given with each plan, it is a state.
+    The length is a number if it is fixed, a decided parameter if it is free, and a
+    state if it is given with each plan.
     """
     parameters, decided = problem.model.parameters, problem.decided
     if GIVEN_LENGTH in problem.model.state_names:
@@ -88,11 +89,11 @@ class EndTime(Rewrite):
 
 
 def stretched(problem: OptimalControlProblem, T: ca.SX) -> tuple[ca.SX, dict[str, Any]]:
-    """Return rates, and the other fields of a problem that change with its time.
+    """Return the rates of a problem over a horizon of length 1, and changed fields.
 
     Args:
         problem: The problem.
-        T: Length of its horizon [s]; that of the new one is 1.
+        T: Length of the horizon of `problem` [s].
     """
     risk = problem.risk
     return T * problem.model.ode, {

@@ -143,7 +143,7 @@ class HeldSignals(Rewrite):
     def signalled(
         self, problem: OptimalControlProblem, signals: Array, at: Array
     ) -> Array:
-        """Return the signals at each interval's start, less those at the horizon's."""
+        """Return each signal at the start of the intervals, less its first value."""
         rows = signals[self._rows(problem)]
         begun = np.minimum(at.astype(int), problem.intervals)
         return np.asarray(rows[:, begun * problem.checks] - rows[:, :1])
@@ -155,7 +155,9 @@ class HeldSignals(Rewrite):
         signals: ArrayLike,
         time: float,
     ) -> tuple[ArrayLike, ArrayLike, float]:
-        """Return the parameters with the signals' values at the start.
+        """Return parameters, signals and time for the problem without held signals.
+
+        The held signals' values at the start of the horizon are further parameters.
 
         Raises:
             InvalidProblemError: If the shape of the signals is not the problem's.

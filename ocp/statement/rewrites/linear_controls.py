@@ -80,9 +80,10 @@ class LinearControls(Rewrite):
     def start(
         self, problem: OptimalControlProblem, x0: Array, previous: ArrayLike | None
     ) -> Array:
-        """Return the initial values of both kinds of states: the first knots, twice.
+        """Return the initial values of the appended states: the first knots, twice.
 
-        If the first knots are decided, they are a guess within the bounds.
+        The states are the controls themselves and the knots last passed. If the first
+        knots are decided, the values returned are a guess within the bounds.
 
         Raises:
             InvalidProblemError: If given knots are not within the bounds.

@@ -91,7 +91,7 @@ class Rewrite(Feature, ABC):
             at: Times, in intervals since the start, shape (n,).
 
         Returns:
-            Shape (k, n); at the end of an interval, the values after it.
+            Shape (k, n); at the end of an interval, the values after the jump there.
         """
         del problem, controls
         return np.repeat(start[:, None], at.size, axis=1)
@@ -137,7 +137,7 @@ class Rewrite(Feature, ABC):
         return start, controls
 
     def controls(self, start: Array, controls: Array) -> Array:
-        """Return the core's controls as the problem before states them.
+        """Return the core's controls in the form of the problem before this rewrite.
 
         Args:
             start: Initial values of the appended states, shape (k,).

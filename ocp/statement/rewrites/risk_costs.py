@@ -23,7 +23,7 @@ class RiskCosts(Rewrite):
     role = "risk"
 
     def accepts(self, problem: OptimalControlProblem) -> bool:
-        """Return whether the problem has a risk that needs the members' costs."""
+        """Return whether the risk, unlike a mean, needs each member's whole cost."""
         risk = problem.risk
         # A core has its epigraph already.
         if risk is None or problem.epigraph is not None:

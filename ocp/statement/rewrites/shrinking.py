@@ -57,6 +57,6 @@ class Shrinking(Rewrite):
     def start(
         self, problem: OptimalControlProblem, x0: Array, previous: ArrayLike | None
     ) -> Array:
-        """Return the whole horizon; a closed loop replaces it by the remaining time."""
+        """Return the horizon's length; a closed loop replaces it by the time left."""
         del x0, previous
         return np.array([problem.length])

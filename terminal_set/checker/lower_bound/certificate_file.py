@@ -328,5 +328,5 @@ def _constraints(value: object, where: str, count: int) -> tuple[int, ...]:
 
 
 def expected_claims(prunings: int) -> list[str]:
-    """Return the statements of a certificate, in order."""
+    """Return the statements of a certificate with this number of prunings, in order."""
     return [TUBE, *(f"{PRUNING} {i + 1}" for i in range(prunings)), FINAL, BOUND]

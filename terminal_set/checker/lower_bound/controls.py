@@ -1,6 +1,6 @@
 """Values of a tape as exact polynomials in the controls.
 
-A value is a sum over products p of controls of c_p(t, x) p, of degree 2 at most; the
+A value is a sum of terms c_p(t, x) p, each p a product of at most two controls; the
 factors c_p are values of a new tape. Sums, products and divisions by values without
 controls keep that form, so no derivative is needed to see that a problem is affine in
 its controls. A control for which this fails, or whose square has a factor that is not a
@@ -49,7 +49,7 @@ class Split:
         drift: Indices of the n values of the drift.
         columns: For each free control the indices of the n values of its column in f;
             None stands for 0.
-        stage: Index of the value of the stage cost without free controls.
+        stage: Index of the value of the part of L without free controls.
         linear: For each free control the index of the value of its factor in L; None
             stands for 0.
         quadratic: q_k >= 0 for each free control.

@@ -11,10 +11,10 @@ bound of |beta|. Then
 
     D = R^2 / (4 q)  if R <= 2 q W,  else W (R - q W),
 
-and D is the larger one of the two signs. If v is near the minimiser at the box's
-middle, beta is small in the first bound, and -beta^2 / (4 q) joins the quadratic part
-of the Taylor model. The second bound is better if the minimiser is at an end of [lo,
-hi], or if q is small or 0.
+and D is the larger of its two values, one for each sign of beta. If v is near the
+minimiser at the box's middle, beta is small in the first bound, and -beta^2 / (4 q)
+joins the quadratic part of the Taylor model. The second bound is better if the
+minimiser is at an end of [lo, hi], or if q is small or 0.
 """
 
 from __future__ import annotations

@@ -74,7 +74,7 @@ class Tube:
         return table
 
     def level_at(self, t: Array) -> tuple[Array, Array]:
-        """Return the levels at times and their rounding, each (K, N)."""
+        """Return the levels at N times, and bounds of their rounding, each (K, N)."""
         last = len(self.times) - 2
         i = np.clip(np.searchsorted(self.times, t, side="right") - 1, 0, last)
         before, after = self.times[i], self.times[i + 1]
@@ -255,7 +255,7 @@ class Region:
     prunings: tuple[Pruned, ...] = ()
 
     def roots(self, earliest: float = 0.0) -> Boxes:
-        """Return one box that holds the region from a time on."""
+        """Return one box that holds all points of the region with t >= `earliest`."""
         problem = self.certificate.problem
         # The reader has checked that the first 2n faces are the axes.
         upper = self.tube.levels[:, 0 : 2 * problem.n : 2].max(axis=0)

@@ -78,7 +78,12 @@ def _in_order(certificate: Certificate, deadline: Deadline) -> Iterator[Finding]
 
 
 def proven_bound(certificate: Certificate) -> Fraction:
-    """Return min(known, V(0, x0) - slack latest - end slack) + offset, exactly."""
+    """Return the lower bound that follows from the final step, as an exact fraction.
+
+    It is min(known, V(0, x0) - slack * latest - end slack) + offset, with the known
+    cost, the polynomial V and the slacks of the step, the initial state x0, the latest
+    end time, and the number that is added to the cost.
+    """
     final, problem = certificate.final, certificate.problem
     value = exact_value(final, (0.0, *problem.x0))
     value -= Fraction(final.slack) * Fraction(problem.horizon[1])

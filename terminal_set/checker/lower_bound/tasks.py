@@ -70,7 +70,8 @@ class _Hamiltonian:
     ) -> Least:
         """Return bounds of the least value over the controls, on boxes of (t, x).
 
-        The value is `first` + the sum of weights_i f_i, with L added if `with_stage`.
+        The value is `first` + the sum of weights_i f_i, with f the rates of the states;
+        the stage cost L is added if `with_stage`.
         """
         split, values = self.split, self._program(variables)
         fixed: Value = first
@@ -96,6 +97,9 @@ class _Hamiltonian:
 @dataclass(frozen=True, eq=False)
 class StepTask:
     """The task V_t + L + V_x f >= -slack over a region, for all controls.
+
+    V(t, x) is the polynomial of a step, L the stage cost, and f the rates of the
+    states.
 
     Attributes:
         step: Step with V and its slack.
@@ -151,6 +155,8 @@ class StepTask:
 class EndTask:
     """The task V <= phi + end slack over the admissible ends in a region.
 
+    V(t, x) is the polynomial of a step, and phi the terminal cost.
+
     Attributes:
         step: Step with V and its end slack.
         region: The region. The caller must begin with a box that is restricted to the
@@ -198,8 +204,8 @@ class EndTask:
 class FaceTask:
     """The task s_k' > d_k f on the face d_k x = s_k(t) of the tube, for all controls.
 
-    On the face, the coordinate with the largest entry of d_k follows from the others;
-    the boxes have 0 in the place of this coordinate.
+    f are the rates of the states x. On the face, the state with the largest entry of
+    d_k follows from the other states; the boxes have 0 in the place of this state.
 
     Attributes:
         face: Number k of the face.

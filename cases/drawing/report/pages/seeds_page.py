@@ -84,7 +84,7 @@ def seeds_page(content: Mapping[str, Any]) -> str:
     """Return the page of a scenario run with many seeds.
 
     Args:
-        content: Content as at the head of this module.
+        content: Content of seeds.json, as `run --seeds` records it.
 
     Raises:
         RecordError: If the content has another form.

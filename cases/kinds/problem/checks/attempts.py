@@ -54,7 +54,8 @@ def tried(attempts: Iterable[Attempt]) -> Iterator[LocatedFlaw]:
     """Make attempts, and yield the errors of those that fail.
 
     An attempt is a place in the scenario and a call that raises the error there. If an
-    attempt at a part has failed, that at the whole yields no second error.
+    attempt fails at a place within which an earlier attempt has failed, no second error
+    is yielded.
     """
     failed: set[Place] = set()
     for place, attempt in attempts:
@@ -85,14 +86,15 @@ def _add(name: str, text: str, known: dict[str, float]) -> None:
 
 
 def quantity(place: Place, text: str, names: Mapping[str, float]) -> Attempt:
-    """Return a place, and a call that evaluates the number stated there."""
+    """Return an attempt: a place, and a call that evaluates the number stated there."""
     return place, partial(number, text, names)
 
 
 def definitions(scenario: ProblemScenario) -> Iterator[Attempt]:
-    """Yield attempts to evaluate the first 0, 1, 2, ... definitions, all in order.
+    """Yield attempts to build the vehicles with the first 0, 1, 2, ... definitions.
 
-    There are no attempts if all definitions can be evaluated.
+    So the first definition that has an error is found. There are no attempts if the
+    vehicles can be built with all definitions.
     """
     names, shared = list(scenario.definitions), shared_of(scenario)
     try:
@@ -341,7 +343,7 @@ def _mappings(
 
 
 def unknown(name: str, known: Collection[str], what: str) -> str:
-    """Return the message for an unknown name, with a known one that is similar.
+    """Return the message for an unknown name, with one similar or all known names.
 
     Args:
         name: The unknown name.

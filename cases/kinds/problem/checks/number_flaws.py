@@ -386,7 +386,7 @@ def bounded_start_flaws(
 ) -> Iterator[LocatedFlaw]:
     """Yield an error if no value of a decided start is within the state's bounds.
 
-    The bounds that a search needs must not be missing either.
+    If a search draws the start, an error is also yielded if a bound of it is missing.
     """
     lower, upper = max(bounds[0], free.lower), min(bounds[1], free.upper)
     place: Place = ("states", name, "start")
@@ -402,7 +402,7 @@ def bounded_start_flaws(
 
 
 def interval_text(pair: tuple[float, float]) -> str:
-    """Return bounds as a list of two."""
+    """Return bounds as text, such as [0, 1]."""
     return f"[{pair[0]:g}, {pair[1]:g}]"
 
 

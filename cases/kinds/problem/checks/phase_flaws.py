@@ -71,7 +71,7 @@ def _in_phases(scenario: ProblemScenario, *, stage: Stage) -> Iterator[LocatedFl
 
 
 def place_in_file(scenario: ProblemScenario, number: int, place: Place) -> Place:
-    """Return the place in the file from which a phase's scenario has a part.
+    """Return the place in the file at which a part of a phase's scenario is stated.
 
     Args:
         scenario: The scenario of the file, with phases.

@@ -27,7 +27,10 @@ from swarmstart.ocp import OptimalControlProblem, ensemble
 def with_members(
     scenario: ProblemScenario, problem: OptimalControlProblem
 ) -> OptimalControlProblem:
-    """Return the problem of all members; `problem` itself without uncertain parameters.
+    """Return the problem of planning for all members together.
+
+    A member is a set of values of the uncertain parameters. Without uncertain
+    parameters, the result is `problem` itself.
 
     Raises:
         InvalidProblemError: If the problem has a part that members cannot have.

@@ -260,8 +260,9 @@ def path_of(
     A row has the values of one of the T control intervals, at the ends of m plant steps
     (`rows_of`).
 
-    Names of states, controls, algebraic variables, definitions and a vehicle's
-    constants end with its suffix; the file's constants can also be used without it.
+    Names of a vehicle's states, controls, algebraic variables, definitions and
+    constants end with the vehicle's suffix; the file's constants can also be used
+    without it.
     """
     posed, (times, states, controls) = flight.posed, rows_of(flight, trajectory)
     shared = _known_along(posed, times)

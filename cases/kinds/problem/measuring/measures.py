@@ -178,8 +178,9 @@ def own_values(
 def own_measures(scenario: UserScenario) -> dict[str, str]:
     """Return the scenario's own measures: name -> reason why the measure can be null.
 
-    The reason is NEVER for a settling time, which exceeds every bound if it is null.
-    This does not hold for values computed from one, such as `9 - settling(...)`.
+    In place of a reason, a settling time has the constant NEVER: if it is null, the
+    path never settles, so that it exceeds every bound. This does not hold for values
+    computed from a settling time, such as `9 - settling(...)`.
     """
     decided = (
         decided_measures(scenario) if isinstance(scenario, ProblemScenario) else {}

@@ -74,11 +74,12 @@ class Instances(Part):
         samples: Number of instances that are drawn; null without `drawn`.
         seed: Seed of the drawn numbers, which do not depend on --seed.
         starts: Number of starts of the local solver for each instance. The first two
-            have as controls the guess, or else the middle of the bounds: one with the
-            states to which these controls lead, one with states that stay at the start.
-            All others have random controls. With null all instances have the first
-            start. Three more starts are then made for instances that fail and for some
-            chosen at random, then for others as long as cheaper answers are found.
+            have as controls the guess or, without a guess, the middle of the bounds:
+            the first with the states to which these controls lead, the second with
+            states that stay at the start. All others have random controls. If it is
+            null, all instances are solved from the first start; three more starts are
+            then tried for instances that fail and for some chosen at random, and for
+            further ones as long as cheaper answers are found.
     """
 
     file: str = Field(default="", exclude=True)

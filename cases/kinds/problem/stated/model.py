@@ -166,8 +166,9 @@ def planning_problem(
         scenario: The scenario.
         members: Members that are planned together.
         seen: Other members, whose positions are the last signals. If plans are
-            committed, the last signals are the positions in committed plans, the
-            positions in candidates, and a length to be added to the least distance.
+            committed, the last signals are the positions of these members in committed
+            plans, their positions in candidate plans, and a length to be added to the
+            least distance.
     """
     first, grid = members[0], scenario.prediction
     vehicles = scenario.vehicles
@@ -289,7 +290,8 @@ def horizon_of(
 ) -> float | Free:
     """Return the length of the horizon [s], or the bounds of a decided one.
 
-    In discrete time it can be left out: an interval lasts 1.
+    In discrete time it can be left out; it is then the number of intervals, each of
+    which lasts 1.
     """
     given = scenario.prediction.horizon_s
     if given is None:

@@ -289,20 +289,21 @@ class Prediction(Part):
     Attributes:
         horizon_s: Length of the horizon [s], or decided by the plan; null in discrete
             time, in which an interval lasts 1, and with phases, which have their own.
-        intervals: Number of control intervals in the horizon, required except with
-            phases: it is the sum of theirs.
+        intervals: Number of control intervals in the horizon; required, except with
+            phases: it is then the sum of their intervals.
         blocks: Lengths of blocks of intervals that share one value of each control,
             whose sum is `intervals`; empty means that every interval has its own.
         checks: Number of checks of the constraints in a control interval.
-        substeps: Number of integrator steps from one check to the next; for the stiff
-            integrator the number expected.
+        substeps: Number of integrator steps from one check to the next. The stiff
+            integrator chooses its own number of steps; this is then the number
+            expected.
         integrator: Integrator: fourth-order Runge-Kutta, Euler, or one for stiff
             models, which have very fast modes.
         transcription: Transcription in the polish: shooting, radau for collocation, or
             a mapping with the numbers of collocation.
         integrator_tolerance: Allowed error of each step of the stiff integrator,
-            relative to the size of the states so far; null means `substeps` equal
-            steps.
+            relative to the size of the states so far; null means that it makes
+            `substeps` equal steps instead of choosing them.
         quadrature: Integration of the stage cost: its integral, or its value at the
             left or right end of an interval times the length.
         newton_iterations: Number of Newton iterations for algebraic equations that are
@@ -356,8 +357,8 @@ class Feedback(Part):
         law: Law of control: open_loop follows one plan to its end, receding_horizon
             plans again in every interval.
         period_s: Time from one plan to the next [s]: required in a receding horizon
-            with a decided end time; with `ends_at_s` null means one control interval;
-            in all other cases it must be null.
+            with a decided end time; if `ends_at_s` is given, it may be null, which
+            means one control interval; in all other cases it must be null.
         ends_at_s: Time at which a receding horizon ends [s]: plans end there and not
             later, so that they become shorter; null means that they all have the same
             length.

@@ -142,9 +142,10 @@ def _laid_over(before: T | None, part: T) -> T:
 
 
 def whole_scenario(scenario: ProblemScenario) -> ProblemScenario:
-    """Return the scenario with the names of all phases, the earliest first.
+    """Return a scenario with the states, controls and so on of all phases.
 
-    It is for names and units, not to be solved: it has no definitions.
+    Of equal names, the earliest phase counts. The scenario is used for names and
+    units; it cannot be solved, since it has no definitions.
     """
     every: dict[str, dict[str, Any]] = {part: {} for part in MERGED}
     for one in phase_scenarios(scenario):
@@ -156,7 +157,7 @@ def whole_scenario(scenario: ProblemScenario) -> ProblemScenario:
 def joined(scenario: ProblemScenario) -> tuple[Phases, list[Member]]:
     """Return all phases joined to one problem, and the symbols of each phase.
 
-    The symbols of a phase are a `Member`, which finds them by name.
+    The symbols of each phase are given as a `Member`, by their names.
 
     Raises:
         InvalidProblemError: If a phase has a part that phases cannot have, or a state

@@ -110,10 +110,11 @@ class Vehicles(Part):
 
     Attributes:
         members: The vehicles, 1 to 100.
-        planning: Method of planning: joint decides for all vehicles at once, priority
-            for one after another, which keeps its distance from the plans of those
-            before it, and committed for each by itself, with plans that all others
-            have accepted. The last two need a receding horizon.
+        planning: Method of planning: joint decides for all vehicles at once; with
+            priority one vehicle plans after another, and keeps its distance from the
+            plans of those before it; with committed each plans by itself, and follows
+            only plans that all others have accepted. The last two need a receding
+            horizon.
         separation: Distance that every two vehicles keep; null means none.
         links: Links between the vehicles, with committed plans only.
         tracking_error: Largest distance of a vehicle from its committed plan, if the
@@ -295,8 +296,8 @@ class ProblemScenario(UserScenario):
             them.
         tables: Tables by name, used as functions in expressions.
         parameters: Parameters by name: values over time, or numbers that the plan
-            decides. In a plan each is constant; of values over time it is the one at
-            the time of planning.
+            decides. Each is constant within a plan, which takes the value at the time
+            of planning if values over time are given.
         signals: Signals by name, known ahead over the horizon: numbers, expressions in
             time, or tables.
         definitions: Definitions by name: expressions that other expressions use by

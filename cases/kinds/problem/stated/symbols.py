@@ -1,7 +1,7 @@
 """Expressions of a problem as CasADi symbols, as numbers, and over time.
 
-A scope has the names that an expression can use. An error names the column, and the
-role of a name in the wrong place.
+A scope has the names that an expression can use. The message of an error has the column
+in the expression and, if a name is not allowed there, the role of this name.
 """
 
 import math
@@ -100,7 +100,8 @@ class Scope:
 
         Args:
             text: The expression.
-            operations: Name of an operation or a function -> what computes it.
+            operations: Name of an operation or a function -> Python function that
+                computes it.
 
         Raises:
             ExpressionError: If a name is unknown or not allowed here.
@@ -271,7 +272,10 @@ def _last_before(times: Array, at: Array) -> NDArray[np.intp]:
 def rows_over_time(
     given: Mapping[str, OverTime], constants: Mapping[str, float]
 ) -> Signal | None:
-    """Return a function: times (n,) [s] -> values, (rows, n); None without rows."""
+    """Return a function: times (n,) [s] -> a row for each entry, (rows, n); or None.
+
+    It is None if nothing is given.
+    """
     return stacked([over_time(one, constants) for one in given.values()])
 
 
@@ -298,5 +302,11 @@ def rows_at(
 
 
 def stacked(rows: Sequence[Signal]) -> Signal | None:
-    """Return a function: times (n,) [s] -> all rows, (rows, n); None without rows."""
+    """Return a function that stacks values: times (n,) [s] -> (rows, n).
+
+    It is None if there are no rows.
+
+    Args:
+        rows: Functions: times (n,) [s] -> values (n,).
+    """
     return (lambda times: np.stack([row(times) for row in rows])) if rows else None

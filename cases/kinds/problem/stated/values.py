@@ -137,7 +137,8 @@ class Table(Part):
 def chosen(key: str, *, otherwise: str) -> Discriminator:
     """Return a rule for Pydantic that says by a key which form of a part is meant.
 
-    So errors concern this form only. A text has a form of its own.
+    Pydantic then reports errors of this form only, not of all forms. If the value is a
+    text, the form for texts is meant.
 
     Args:
         key: Key that only one of the forms has.
