@@ -219,7 +219,9 @@ def _bounds(
     """Return moving bounds from states, controls, parameters, signals of the core."""
     core, model = shooting.problem, shooting.stated.model
     symbols = core.symbols()
-    paths = {"states": (arguments[0], model.nx), "controls": (arguments[1], model.nu)}
+    # As they are stated: a number may be subtracted from states of the core.
+    stated = arguments[0] + shooting.lowered.origin[:, None]
+    paths = {"states": (stated, model.nx), "controls": (arguments[1], model.nu)}
     found = []
     for constraint in _moving(core):
         role, rows = _ROLES[constraint.name], constraint.rows(constraint.expression)

@@ -96,7 +96,10 @@ class Best:
 
 @dataclass(eq=False)
 class Ascent:
-    """Search for better and better bounds; the first set of trajectories is a tube."""
+    """Search for better and better bounds, each over a set of trajectories.
+
+    The first set is a tube around an answer.
+    """
 
     statement: Statement
     tube: Tube

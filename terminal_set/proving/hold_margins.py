@@ -172,7 +172,9 @@ class HeldMotion:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class HoldBounds:
-    """Upper limits of a level from bounds and drift, apart from the decrease.
+    """Upper limits of a level that follow from bounds and drift.
+
+    The decrease of e'Pe, which limits a level too, is not among them.
 
     Attributes:
         inputs: Largest level at which the inputs keep their bounds.

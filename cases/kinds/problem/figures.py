@@ -239,7 +239,9 @@ def member_figures(
     labels: Labels,
     problem: OptimalControlProblem,
 ) -> "Iterator[tuple[str, Figure]]":
-    """Yield the states of all members of the first plan, beneath the simulated ones.
+    """Yield a figure of the simulated states with those that the first plan predicts.
+
+    It predicts them for each member, that is, each set of the uncertain parameters.
 
     `problem` is that of one member.
     """

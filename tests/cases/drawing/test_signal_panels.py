@@ -88,9 +88,9 @@ def test_a_moving_bound_follows_a_free_end_time() -> None:
 
 def test_a_moving_bound_far_from_zero_keeps_its_digits() -> None:
     """States far from zero are counted from their start in the core."""
-    found = answer(held=False, above=1e7)
+    found = answer(held=False, above=1e9)
     ((_, _, bound),) = moving_bounds_of(found)
-    low = 1e7 + np.interp(found.path.times, found.times, LOW)
+    low = 1e9 + np.interp(found.path.times, found.times, LOW)
     np.testing.assert_allclose(bound.values, low, rtol=0, atol=1e-6)
 
 

@@ -18,7 +18,7 @@ from swarmstart.cases.kinds.problem.stated.symbols import constants_of, number
 
 
 def committed_parts(scenario: ProblemScenario, part: Vehicles) -> Iterator[LocatedFlaw]:
-    """Yield errors of committed plans, or of their keys if `planning` is another."""
+    """Yield errors of committed plans; of any other `planning`, of keys for them."""
     place: Place = ("vehicles", "planning")
     if not part.is_committed:
         for key in ("links", "tracking_error"):

@@ -285,7 +285,9 @@ def rows_at(
     times: Array,
     constants: Sequence[Mapping[str, float]],
 ) -> Array:
-    """Return a row of values for each name of each member; 0 for names not given.
+    """Return rows of values: each name's for the first member, then for the next ones.
+
+    Names that are not given have zeros.
 
     Args:
         given: Name -> values over time.
