@@ -289,8 +289,8 @@ class Prediction(Part):
     Attributes:
         horizon_s: Length of the horizon [s], or decided by the plan; null in discrete
             time, in which an interval lasts 1, and with phases, which have their own.
-        intervals: Number of control intervals in the horizon; required, except with
-            phases: it is then the sum of their intervals.
+        intervals: Number of control intervals in the horizon. It is required without
+            phases; with phases it is the sum of their intervals.
         blocks: Lengths of blocks of intervals that share one value of each control,
             whose sum is `intervals`; empty means that every interval has its own.
         checks: Number of checks of the constraints in a control interval.
