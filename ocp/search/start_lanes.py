@@ -221,8 +221,8 @@ class StartLanes:
         for first in range(0, n, size):
             for kind, answers in zip(kinds, found, strict=True):
                 some = kind.part(slice(first, first + size))
-                none = some.controls.shape[2] == 0
-                if none or (found[0] and self._watch.is_over):
+                is_empty = some.controls.shape[2] == 0
+                if is_empty or (found[0] and self._watch.is_over):
                     continue
                 answers.append(self._solver(x0, *some, known=known))
                 self._report(answers[-1], x0, known)
