@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from swarmstart.cases.campaign.running.run import run
+from swarmstart.cases.campaign.studies import comparing
 from swarmstart.cases.campaign.studies.comparing import (
     Contest,
     contest_of,
@@ -22,7 +23,7 @@ from swarmstart.cases.campaign.trials.solver_names import solvers_of
 from swarmstart.cases.campaign.trials.solvers import solve_cell
 from swarmstart.cases.format.kind import SeveralPlansError
 from swarmstart.cases.format.scenario import read_document, resolve
-from swarmstart.cases.hard.best_known import best_known
+from swarmstart.cases.hard.best_known import BestKnown, best_known
 from swarmstart.cases.record.record import MARK, SCENARIO, Recording
 
 TRAM = """\
@@ -216,10 +217,17 @@ def test_a_comparison_knows_the_listed_value_of_a_hard_problem_as_shipped(
     assert listed_best(contest("hard/gears_6", "lanes=3", "basins=1")) == found
     assert listed_best(contest("hard/gears_6", "prediction.intervals=13")) is None
     assert listed_best(contest("pendulum")) is None
-    assert listed_best(contest("hard/crossing_6")) is None  # No value is known.
     copy = tmp_path / "gears_6.yaml"  # Its own problem, though it has the name.
     copy.write_text(TRAM)
     assert listed_best(contest(str(copy))) is None
+
+
+def test_a_hard_problem_of_which_no_value_is_known_has_none_in_a_comparison(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    unknown = {"hard/gears_6": BestKnown(known_by="unknown")}
+    monkeypatch.setattr(comparing, "best_known", lambda: unknown)
+    assert listed_best(contest("hard/gears_6")) is None
 
 
 @pytest.mark.parametrize(
