@@ -11,7 +11,7 @@ Origin = Literal[
     "zero controls",
     "the middle of the bounds",
     "the guess",
-    "straight states",
+    "a straight way to the end",
     "the lanes",
     "the search",
     "guesses of states",

@@ -177,7 +177,9 @@ class ManyStarts:
         processes = processes_of(self._threads)
         tries = _Tries(self._polisher, x0, known, fitness.problem.tolerance, processes)
         cold = self._cold(guess, x0, known, rng)
-        starts = [one.start for one in cold if one.origin != "straight states"]
+        starts = [
+            one.start for one in cold if one.origin != "a straight way to the end"
+        ]
         expect_starts(watch, len(cold))
         try:
             solved = self._beside(
@@ -313,7 +315,7 @@ class ManyStarts:
         cold = cold_controls(self._fitness.problem)
         return [
             *([] if guess is None else [Origined("the guess", guess)]),
-            *(Origined("straight states", one) for one in straight),
+            *(Origined("a straight way to the end", one) for one in straight),
             *(Origined(o, Start(c)) for o, c in zip(origins, cold, strict=False)),
         ]
 

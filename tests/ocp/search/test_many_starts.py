@@ -54,7 +54,7 @@ def test_answer_is_no_worse_than_any_of_its_starts() -> None:
     assert answer.cost == pytest.approx(10.8186, abs=1e-4)
     cold = solve(four_discs(), x0, search=None, lanes=0, repair=False, seed=0)
     assert cold.cost > answer.cost + 0.1
-    assert account.won in ("straight states", "the lanes")
+    assert account.won in ("a straight way to the end", "the lanes")
     found = account.best_of("the lanes")
     assert found is not None
     assert found.cost == pytest.approx(answer.cost, rel=1e-6)
@@ -89,7 +89,7 @@ def test_seconds_until_found_are_those_of_the_parts_before() -> None:
     assert account.tried[0] in before
     assert account.won == "the lanes"  # Which are before the search.
     cold = sum(one.seconds for one in account.tried[:2])
-    assert account.tried[0].origin == "straight states"
+    assert account.tried[0].origin == "a straight way to the end"
     assert account.tried[1] in before
     least = account.lanes.seconds + cold
     assert least < account.found_after <= least + account.polish.seconds
@@ -123,7 +123,7 @@ def test_cold_starts_begin_with_what_is_known_and_most_likely_feasible() -> None
     answer = solve(pendulum(), [0.0, 0.0], search=None, lanes=4, guess=guess, seed=0)
     assert answer.plan.starts is not None
     origins = [one.origin for one in answer.plan.starts.tried]
-    assert origins[:3] == ["the guess", "straight states", "zero controls"]
+    assert origins[:3] == ["the guess", "a straight way to the end", "zero controls"]
 
 
 def test_summary_says_what_starts_led_to() -> None:
@@ -133,7 +133,7 @@ def test_summary_says_what_starts_led_to() -> None:
     assert answer.optima[0].count >= 17
     assert answer.optima[0].cost == pytest.approx(36.7126, abs=1e-3)
     assert "  won         zero controls" in said
-    cold = "straight states 36.71264; zero controls 36.71264"
+    cold = "a straight way to the end 36.71264; zero controls 36.71264"
     assert f"  polished    {cold}; the lanes 36.71264" in said
     assert "  lanes       33 starts, 16 of them variations: 36.712" in said
     last = said.splitlines()[-1]
@@ -313,7 +313,7 @@ def test_states_that_reach_the_end_are_guessed_in_lanes() -> None:
     account = answer.plan.starts
     assert account is not None and account.lanes is not None
     assert account.lanes.starts - account.lanes.varied == 1 + 16
-    kinds: tuple[Origin, ...] = ("straight states", "guesses of states")
+    kinds: tuple[Origin, ...] = ("a straight way to the end", "guesses of states")
     assert counts_of(account, kinds) == [1, 0]
     left = solve(cart(blocks=[25, 25]), [0.0, 1.0], search=None, lanes=16, seed=0)
     assert left.plan.starts is not None
@@ -347,7 +347,7 @@ def test_one_start_is_polished_although_the_budget_is_spent() -> None:
     plan = planner.plan([0.0, 1.0], rng=np.random.default_rng(0))
     assert plan.feasible
     assert plan.starts is not None
-    assert [one.origin for one in plan.starts.tried] == ["straight states"]
+    assert [one.origin for one in plan.starts.tried] == ["a straight way to the end"]
     assert plan.starts.without_lanes == "the budget was spent before"
 
 

@@ -41,7 +41,7 @@ def test_account_is_in_the_record_and_on_the_screen(
     starts = json.loads((folder / "run.json").read_text())["starts"]
     assert starts["won"] == "zero controls"
     origins = {one["origin"] for one in starts["tried"]}
-    assert origins == {"zero controls", "straight states", "the lanes"}
+    assert origins == {"zero controls", "a straight way to the end", "the lanes"}
     assert starts["lanes"]["optima"][0]["count"] >= 17
     assert starts["lanes"]["varied"] == 16
     assert starts["lanes"]["unseen"]["most"] == pytest.approx(3 / 17)
