@@ -25,6 +25,7 @@ from swarmstart.arrays import Array
 from swarmstart.benchmarks.tables import command_of, head, page_options, publish, row
 from swarmstart.cases.commands.actions.exporting_code import controller_of
 from swarmstart.cases.format.scenario import read_document, resolve
+from swarmstart.cases.kinds.flight import flight_of
 from swarmstart.export.controller.exported import FLAGS, compiler_command
 from swarmstart.export.controller.twin import Twin
 from swarmstart.tests.export.controller import controllers
@@ -154,7 +155,9 @@ def made_of(
     if name in SHIPPED:
         what = "shipped, with " + ", ".join(f"`{one}`" for one in SHIPPED[name])
         resolved = resolve(read_document(name), assignments=SHIPPED[name])
-        controller, x0, seen = controller_of(resolved)
+        controller, x0, seen = controller_of(
+            flight_of(resolved.posed(), resolved.scenario)
+        )
     else:
         what, build = CASES[name]
         controller, start = build()

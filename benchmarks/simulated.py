@@ -357,9 +357,6 @@ def opened_by_fmpy(file: Path, folder: str) -> Any:
         modelIdentifier=described.coSimulation.modelIdentifier, instanceName="alone",
     )  # fmt: skip
     slave.instantiate()
-    slave.setupExperiment(startTime=0.0)
-    slave.enterInitializationMode()
-    slave.exitInitializationMode()
     return slave
 
 

@@ -15,7 +15,7 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -49,7 +49,7 @@ from swarmstart.cases.campaign.judging.statistics import (
 )
 from swarmstart.cases.campaign.studies.judged_file import BETTER
 from swarmstart.cases.campaign.trials.trial import LATE, MOMENT_S
-from swarmstart.cases.drawing.palette import LIGHT
+from swarmstart.cases.drawing.drawing import colour, line_style
 from swarmstart.cases.hard import SHIPPED, draw
 from swarmstart.cases.hard.best_known import best_known
 
@@ -359,14 +359,27 @@ def fresh_draws(folder: Path, names: Sequence[str], seed: int) -> list[str]:
         names: Names of shipped hard problems, whose families and sizes are drawn.
         seed: The seed.
     """
+    shipped = [SHIPPED[name.removeprefix("hard/")] for name in names]
+    return [
+        str(written_draw(folder, family, sizes, seed)) for family, sizes, _ in shipped
+    ]
+
+
+def written_draw(
+    folder: Path, family: str, sizes: Mapping[str, int], seed: int
+) -> Path:
+    """Write a draw of a family, and return its path, whose name has size and seed.
+
+    Args:
+        folder: Where the file is written.
+        family: Name of the family.
+        sizes: Its sizes, of which the first is part of the name.
+        seed: The seed.
+    """
     folder.mkdir(parents=True, exist_ok=True)
-    paths = []
-    for name in names:
-        family, sizes, _ = SHIPPED[name.removeprefix("hard/")]
-        path = folder / f"{name.removeprefix('hard/')}_seed_{seed}.yaml"
-        path.write_text(draw(family, seed=seed, **sizes), encoding="utf-8")
-        paths.append(str(path))
-    return paths
+    path = folder / f"{family}_{next(iter(sizes.values()))}_seed_{seed}.yaml"
+    path.write_text(draw(family, seed=seed, **sizes), encoding="utf-8")
+    return path
 
 
 def fresh_section(results: Sequence[Result], *, seconds: float, seed: int) -> list[str]:
@@ -448,30 +461,19 @@ def _best_known(results: Sequence[Result]) -> str:
     return f"Better than the file of best known values: {_joined(said)}."
 
 
-def looks_of(methods: Iterable[str]) -> list[tuple[str, str]]:
-    """Return a colour and a line style of matplotlib for each method, all different.
-
-    Peers are dashed; methods for which no colour is left are dotted.
-    """
-    colours = [*LIGHT, "#000000"]
-    return [
-        (
-            colours[number % len(colours)],
-            ":" if number >= len(colours) else "--" if method in PEERS else "-",
-        )
-        for number, method in enumerate(methods)
-    ]
-
-
 def plot(results: Sequence[Result], path: Path) -> None:
-    """Draw the share of pairs of problem and seed that each method solves in time."""
+    """Draw the profile of the methods into a file."""
+    profile(results).savefig(path, dpi=120)
+
+
+def profile(results: Sequence[Result]) -> Figure:
+    """Return a figure of the share of problems and seeds that each method solves."""
     figure = Figure(figsize=(8, 4.5), layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.subplots()
     scores = [score for one in results for score in one.scores]
     methods = dict.fromkeys(score.method for score in scores)
-    looks = dict(zip(methods, looks_of(methods), strict=True))
-    for method, (colour, dashes) in looks.items():
+    for number, method in enumerate(methods):
         own = np.concatenate([s.times for s in scores if s.method == method])
         times = np.sort(own[np.isfinite(own)])
         shares = np.arange(1, len(times) + 1) / len(own)
@@ -479,14 +481,14 @@ def plot(results: Sequence[Result], path: Path) -> None:
             [*times[:1], *times, scores[0].limit],
             [*np.zeros(len(times[:1])), *shares, len(times) / len(own)],
             where="post",
-            color=colour,
-            linestyle=dashes,
+            color=colour(number),
+            linestyle=line_style(number),
             label=method,
         )
     axes.set(xscale="log", ylim=(0, 1), xlabel="CPU time [s]")
     axes.set_ylabel("share of problems and seeds within 0.1 %")
     figure.legend(loc="outside right upper", fontsize="small")
-    figure.savefig(path, dpi=120)
+    return figure
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -515,7 +517,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if options.fresh is not None:
         paths = fresh_draws(options.out / "fresh", problems, options.fresh)
         found = _results(paths, CHECKED, options)
-        lines += fresh_section(found, seconds=options.seconds, seed=options.fresh)
+        if found:  # With --kept runs may be missing.
+            lines += fresh_section(found, seconds=options.seconds, seed=options.fresh)
     publish(lines, options, TEXT)
     return 0
 

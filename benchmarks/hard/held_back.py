@@ -22,7 +22,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmstart.arrays import Array
-from swarmstart.benchmarks.hard.comparison import DEFAULT, MANY, NEAR, outcomes_of
+from swarmstart.benchmarks.hard.comparison import (
+    DEFAULT,
+    MANY,
+    NEAR,
+    outcomes_of,
+    written_draw,
+)
 from swarmstart.benchmarks.hard.cpu_trials import entries_of
 from swarmstart.benchmarks.tables import (
     command_of,
@@ -33,7 +39,6 @@ from swarmstart.benchmarks.tables import (
 )
 from swarmstart.cases.campaign.judging.runs import Asked, Runs, runs_of
 from swarmstart.cases.campaign.judging.statistics import wilson_interval
-from swarmstart.cases.hard import draw
 
 FIRST_SEED = 101
 """First seed that is held back; what is shipped is drawn from seed 1."""
@@ -105,17 +110,13 @@ def drawn(folder: Path, draws: int, families: Iterable[str]) -> dict[str, Path]:
         draws: Number of draws of each size.
         families: Names of families.
     """
-    folder.mkdir(parents=True, exist_ok=True)
-    found = {}
-    for family in families:
-        for sizes in SIZES[family]:
-            for seed in range(draws):
-                first = next(iter(sizes.values()))
-                name = f"{family}_{first}_seed_{FIRST_SEED + seed}"
-                found[name] = folder / f"{name}.yaml"
-                text = draw(family, seed=FIRST_SEED + seed, **sizes)
-                found[name].write_text(text, encoding="utf-8")
-    return found
+    paths = [
+        written_draw(folder, family, sizes, FIRST_SEED + seed)
+        for family in families
+        for sizes in SIZES[family]
+        for seed in range(draws)
+    ]
+    return {path.stem: path for path in paths}
 
 
 def measured(name: str, path: Path, options: argparse.Namespace) -> Held:

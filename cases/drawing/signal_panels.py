@@ -53,7 +53,7 @@ def signals_of_run(flown: Flown) -> list[Panel]:
             continue
         values = rows_before_jumps(reference, steps)
         for name, row in zip(symbol_names(problem.signals), values, strict=False):
-            if np.array_equal(shown.get(name, row), row):
+            if np.array_equal(shown.get(name, row), row, equal_nan=True):
                 shown[name] = row
             else:
                 shown[f"{flown.labels.vehicles[number]}: {name}"] = row

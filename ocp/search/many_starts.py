@@ -46,8 +46,8 @@ from swarmstart.ocp.nlp.watching import expect_starts
 from swarmstart.ocp.rollout.fitness import Fitness, Known, started
 from swarmstart.ocp.search.account import Lanes, Origin, StartsAccount, Tried
 from swarmstart.ocp.search.start_lanes import Solved, StartLanes
-from swarmstart.ocp.search.state_guesses import state_guesses
-from swarmstart.ocp.statement.guesses import cold_controls
+from swarmstart.ocp.search.state_guesses import state_guesses, straight_states
+from swarmstart.ocp.statement.guesses import cold_controls, zero_controls
 
 T = TypeVar("T")
 
@@ -176,7 +176,7 @@ class ManyStarts:
         # Asked for each time, since the program may have other threads by now.
         processes = processes_of(self._threads)
         tries = _Tries(self._polisher, x0, known, fitness.problem.tolerance, processes)
-        cold = self._cold(guess, x0, known, rng)
+        cold = self._cold(guess, x0, known)
         starts = [
             one.start for one in cold if one.origin != "a straight way to the end"
         ]
@@ -301,18 +301,19 @@ class ManyStarts:
         spent = self._polisher.watch.is_over
         return "the budget was spent before" if spent else "interrupted"
 
-    def _cold(
-        self, guess: Start | None, x0: ArrayLike, known: Known, rng: np.random.Generator
-    ) -> list[Origined]:
+    def _cold(self, guess: Start | None, x0: ArrayLike, known: Known) -> list[Origined]:
         """Return the starts before the lanes; those that soon lead to an answer first.
 
         The middle of the bounds is among them if it differs from zero controls.
         """
-        straight = state_guesses(self._fitness, x0, known, 1, rng)  # Draws nothing.
+        fitness, straight = self._fitness, list[Start]()
+        states = straight_states(fitness, x0, known)
+        if states is not None:
+            straight.append(Start(zero_controls(fitness.problem), states))
         origins: tuple[Origin, ...] = ("zero controls", "the middle of the bounds")
-        if not self._fitness.problem.model.nu:
+        if not fitness.problem.model.nu:
             origins = origins[1:]  # Of what is decided.
-        cold = cold_controls(self._fitness.problem)
+        cold = cold_controls(fitness.problem)
         return [
             *([] if guess is None else [Origined("the guess", guess)]),
             *(Origined("a straight way to the end", one) for one in straight),

@@ -91,6 +91,17 @@ def ramp_warnings(posed: Posed) -> list[str]:
     return [f"{ramp}{advice}" for ramp in posed.ramps]
 
 
+def warn_of_ramps(name: str, posed: Posed) -> None:
+    """Print a warning for each signal that plans wrongly take as linear.
+
+    Args:
+        name: Name of the scenario.
+        posed: The scenario as it is posed.
+    """
+    for warning in ramp_warnings(posed):
+        say(f"warning: {printable(name)}: {warning}")
+
+
 def start_warnings(flight: Flight[Posed]) -> list[str]:
     """Return a warning for each limit that the start breaks, whatever the plan is."""
     posed = flight.posed

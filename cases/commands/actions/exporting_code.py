@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from swarmstart.arrays import Array
-from swarmstart.cases.commands.actions.checking import ramp_warnings
+from swarmstart.cases.commands.actions.checking import warn_of_ramps
 from swarmstart.cases.commands.terminal import say
-from swarmstart.cases.format.document import printable
-from swarmstart.cases.format.scenario import Resolved, read_document, resolve
+from swarmstart.cases.format.kind import Flight, Posed
+from swarmstart.cases.format.scenario import read_document, resolve
 from swarmstart.cases.kinds.flight import flight_of
 from swarmstart.cases.record.files import require_new
 from swarmstart.errors import SwarmstartError
@@ -42,9 +42,9 @@ def c_files(options: argparse.Namespace) -> tuple[Path, Mapping[str, bytes]]:
     # Refused before it takes time; all files are asked for when they are written.
     require_name(name)
     require_new([folder / f"{name}.{ending}"], "choose another --out")
-    controller, x0, seen = controller_of(resolved, options.vehicle, seed)
-    for warning in ramp_warnings(resolved.posed()):
-        say(f"warning: {printable(resolved.scenario.name)}: {warning}")
+    flight = flight_of(resolved.posed(), resolved.scenario)
+    controller, x0, seen = controller_of(flight, options.vehicle, seed)
+    warn_of_ramps(resolved.scenario.name, flight.posed)
     made = export_c(
         controller, x0, name=name, seen=seen, seed=seed, main=options.main,
         starts=16 if options.starts is None else options.starts,
@@ -60,12 +60,12 @@ def c_files(options: argparse.Namespace) -> tuple[Path, Mapping[str, bytes]]:
 
 
 def controller_of(
-    resolved: Resolved, vehicles: Sequence[str] = (), seed: int = 0
+    flight: Flight[Posed], vehicles: Sequence[str] = (), seed: int = 0
 ) -> tuple[RecedingHorizon | DualMode, Array, tuple[Array, ...]]:
     """Return the controller of a vehicle, its initial state, and plans that it uses.
 
     Args:
-        resolved: The scenario.
+        flight: The scenario's closed loop.
         vehicles: Number of the vehicle, as on the command line; empty means the first
             one.
         seed: Seed of the plans of other vehicles that the controller uses.
@@ -73,8 +73,7 @@ def controller_of(
     Raises:
         WrongSourceError: As in `c_files`.
     """
-    posed = resolved.posed()
-    controller, x0 = flight_of(posed, resolved.scenario).controller, posed.x0
+    controller, x0 = flight.controller, flight.x0
     if isinstance(controller, OpenLoop):
         controller = controller.loop  # In C its horizon recedes.
     if isinstance(controller, DualMode) and len(controller.sets) > 1:

@@ -4,11 +4,11 @@ import argparse
 from pathlib import Path
 
 from swarmstart.cases.campaign.studies.sweeping import Sweep, sweep_key, swept
-from swarmstart.cases.commands.actions.checking import ramp_warnings
+from swarmstart.cases.commands.actions.checking import warn_of_ramps
 from swarmstart.cases.commands.actions.run import RESULTS
 from swarmstart.cases.commands.actions.seeds import figure_formats
 from swarmstart.cases.commands.actions.shared_options import allowing
-from swarmstart.cases.commands.terminal import DONE, INFEASIBLE, Progress, answer, say
+from swarmstart.cases.commands.terminal import DONE, INFEASIBLE, Progress, answer
 from swarmstart.cases.format.document import counted, printable
 from swarmstart.cases.format.scenario import read_document, resolve
 from swarmstart.cases.record.files import to_json
@@ -43,8 +43,7 @@ def sweep_command(options: argparse.Namespace) -> int:
             threads=options.workers,
             progress=progress.update,
         )
-    for warning in ramp_warnings(resolved.posed()):
-        say(f"warning: {printable(name)}: {warning}")
+    warn_of_ramps(name, resolved.posed())
     answer(to_json(sweep.summary()) if options.json else _report(sweep))
     return DONE if sweep.solutions.is_confirmed.any() else INFEASIBLE
 

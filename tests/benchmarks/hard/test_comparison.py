@@ -19,10 +19,10 @@ from swarmstart.benchmarks.hard.comparison import (
     finding,
     fresh_draws,
     fresh_section,
-    looks_of,
     page,
     plot,
     problem_table,
+    profile,
     result_of,
 )
 from swarmstart.benchmarks.hard.cpu_trials import (
@@ -124,11 +124,12 @@ def test_methods_on_fresh_draws_are_judged_by_the_best_found_there() -> None:
 
 
 def test_each_line_of_the_picture_looks_different() -> None:
-    looks = looks_of(METHODS)
-    assert len(set(looks)) == len(looks) == len(METHODS)
-    dashes = [style for (_, style), name in zip(looks, METHODS, strict=True)
-              if name in PEERS]  # fmt: skip
-    assert "-" not in dashes
+    one = result(*(score(name, [1.0], [1.0]) for name in METHODS))
+    lines = profile([one]).axes[0].lines
+    named = {str(line.get_label()): line for line in lines}
+    looks = {f"{line.get_color()} {vars(line)['_dash_pattern']}" for line in lines}
+    assert [*named] == [*METHODS] and len(looks) == len(METHODS)
+    assert all(named[peer].get_linestyle() != "-" for peer in PEERS)
 
 
 def test_budgets_of_seconds_count_by_the_clock_that_is_given() -> None:
